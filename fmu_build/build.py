@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 import latin_fmu
+from latin_fmu.api import computable
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
@@ -210,6 +211,7 @@ def build_fmu(
     Raises
     ------
     InputError : the scene cannot be built, or gives too many variables; NeedsPythonError : it cannot be compiled.
+    SolverError : a matrix is singular, numbers overflow.
     ModuleNotFoundError : the library of an FMU with Python is missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
@@ -284,6 +286,7 @@ def _description(facts: Facts, fmi: Fmi) -> bytes:
     return xml_bytes((fmi2_description if fmi == "2" else fmi3_description)(facts))
 
 
+@computable()
 def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = False) -> Files:
     """Every file of the compiled FMU for co-simulation, by path inside the archive; ``note`` for its documentation.
     portable : without AVX2.

@@ -82,7 +82,8 @@ def test_a_run_loads_what_it_needs(scene: str) -> None:
     code = (
         "import sys; from latin_fmu.cli import main; "
         f"assert main(['run', {scene!r}, '--quiet']) == 0; "
-        "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing'}; "
+        "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
+        "'scipy.integrate', 'scipy.optimize', 'scipy.signal', 'scipy.stats'}; "
         "assert not unused & set(sys.modules), unused & set(sys.modules); "
         "import numpy; assert numpy.testing.assert_allclose; assert numpy.f2py.main"
     )

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ..errors import Problem
 from ..latin.assembly import InterfaceUnit
@@ -74,6 +73,8 @@ def _driven(
         along = max(boundary.value, key=abs)
         speed = PrescribedMotion(boundary.law, along, boundary.type).driving(time, end=scene.time.end)
         if boundary.type == "acceleration":
+            from scipy.integrate import cumulative_trapezoid  # a quarter of a second to load
+
             rate, speed = speed, cumulative_trapezoid(speed, time, initial=0)
         else:
             rate = np.gradient(speed, time)

@@ -9,6 +9,9 @@ supports, and the loads f do work on it, the group is accelerated by
 and is in balance with its inertia, f - M a (inertia relief). Its static start is that balance, in the place that the
 scene has: stresses of loads that hold each other are there, and a weight, which falls freely, makes none. The motion
 begins at rest with the acceleration a. What no interface can catch is refused (``free_bodies.unheld``).
+
+Strains of t = 0, of temperatures for instance, may bring a falling body into contact. Its loads are in balance with its
+inertia, so that no pressure can act on it: it moves out of the way, as little as possible (``places_at_rest``).
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..fem.mesh import Array
+from ..interface.laws import NoSlip
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import with_load
@@ -69,6 +73,50 @@ def falling_in(problem: DiscretisedProblem) -> list[FallingGroup]:
     conditions = {name: problem.conditions[name] for name in names}
     units = [u for u in problem.units if all(name in bodies for _, _, name in body_sides([u])) and not _yields(u)]
     return falling_groups(problem.scene, bodies, conditions, units)
+
+
+def closed_by_strains(
+    problem: DiscretisedProblem, before: Mapping[str, Array], traction: Mapping[str, Array], least: float
+) -> list[str]:
+    """Interfaces that are open in the scene, and may catch a falling group, but are pressed in the static start: what
+    acts at t = 0 strains bodies into each other.
+
+    The group has no equilibrium with them, since its inertia holds all its loads; nothing but the nodes that fix its
+    place would resist the pressure.
+
+    before, traction : tractions with tight bolts, and in the static start. least : Pa, above which one is a pressure.
+    """
+
+    def pressed(state: Mapping[str, Array], name: str) -> bool:
+        return name in state and float(state[name][:, 0].min(initial=0.0)) < -least
+
+    # what bolts or press fits close is no matter of the loads
+    names = [u.name for u in problem.units if _is_open(u) and pressed(traction, u.name) and not pressed(before, u.name)]
+    catching = {name for group in falling_in(problem) for name in group.catching} if names else set()
+    return [name for name in names if name in catching]
+
+
+def sheared_alone(problem: DiscretisedProblem, traction: Mapping[str, Array], least: float) -> list[str]:
+    """Interfaces without slip that shear holds in a static start, and no pressure, where their bodies are in balance
+    without them.
+
+    A point that touches without pressure may carry any shear, which then depends on the way to the equilibrium. None
+    is a solution, too. least : Pa, above which a traction is one.
+    """
+    names = []
+    for unit in problem.units:
+        if isinstance(unit.behaviour, NoSlip) and unit.name in traction:
+            pressure, shear = (float(np.abs(part).max(initial=0.0)) for part in np.split(traction[unit.name], [1], 1))
+            names += [unit.name] * (shear > least >= pressure)
+    if not names:
+        return []
+    still = [name for name in problem.bodies if not problem.scene.substructure[name].motion_keys]
+    bodies = {name: problem.bodies[name] for name in still}
+    conditions = {name: problem.conditions[name] for name in still}
+    units = [u for u in problem.units if u.name in traction and u.name not in names]
+    groups = free_groups(bodies, conditions, units)
+    balanced = all(group.work(_forces(problem.scene, bodies, group))[0] <= BALANCED for group in groups)
+    return names if balanced else []
 
 
 def _yields(unit: InterfaceUnit) -> bool:

@@ -36,10 +36,10 @@ from .problem import DiscretisedProblem
 
 _CLOSED: Final = 1e-9
 """A gap below this share of the largest displacement is none: the places are as exact as the equilibrium."""
-_TOUCHES: Final = 1e-6
+TOUCHES: Final = 1e-6
 """The same for points that count as closed in the end: strains of bodies that nothing presses are known to this."""
 _MOVES: Final = 1e-5  # motion of a node that counts, for unit motions of bodies
-_PRESSED: Final = 1e-8
+PRESSED: Final = 1e-8
 """A traction above this share of the largest of the state is one; the equilibrium is solved to 1e-9 of it at least."""
 
 
@@ -65,14 +65,14 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     if not total:
         return state
     largest = max((float(np.abs(f).max(initial=0.0)) for f in state.traction.values()), default=0.0)
-    least = _PRESSED * max(largest, size)
+    least = PRESSED * max(largest, size)
     relative = {unit.name: _relative(unit, motions, where, total) for unit in units}
     kept = {unit.name: _kept(unit, state.traction[unit.name], least) for unit in units}
     free = _left_free(relative, kept, total)
     if not free.shape[1]:
         return state
     open_ones = {unit.name: ~kept[unit.name][:, 0] for unit in units if unit.behaviour.opens}
-    gaps = _gaps(problem, units, state.displacement)
+    gaps = gaps_of(problem, units, state.displacement)
     size = max(float(np.abs(u).max(initial=0.0)) for u in state.displacement.values())
     rooms = np.concatenate([np.zeros(0), *(gaps[name][which] for name, which in open_ones.items())])
     # what the iteration leaves overlapping is not pushed out
@@ -89,9 +89,9 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     if size == 0.0:
         return state
     closure = dict(state.closure)
-    for name, gap in _gaps(problem, units, displacement).items():
+    for name, gap in gaps_of(problem, units, displacement).items():
         # points that this place closes have a gap of round-off
-        touches = open_ones[name] & (np.abs(gap) <= _TOUCHES * size)
+        touches = open_ones[name] & (np.abs(gap) <= TOUCHES * size)
         if name in closure:
             closure[name] = np.where(touches, gap, closure[name])
     # round-off of the iteration is no pressure: a law of the motion would take such points for pressed ones
@@ -162,7 +162,7 @@ def _left_free(relative: Mapping[str, Array], kept: Mapping[str, NDArray[np.bool
     return vectors if values[-1] <= 0.0 else np.asarray(vectors[:, values < HELD * values[-1]])
 
 
-def _gaps(
+def gaps_of(
     problem: DiscretisedProblem, units: Sequence[InterfaceUnit], displacement: Mapping[str, Array]
 ) -> dict[str, Array]:
     """Gaps (n_point,) of the interfaces that open, under displacements of the bodies on their full unknowns, m."""

@@ -47,7 +47,7 @@ from .bolt_ends import unheld_ends
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
 from .displaced_starts import at_rest
-from .falling_bodies import falling_groups, falling_parts, held_in_place, relieved
+from .falling_bodies import closed_by_strains, falling_groups, falling_parts, held_in_place, relieved, sheared_alone
 from .free_bodies import (
     FreeGroup,
     acting,
@@ -62,6 +62,7 @@ from .free_bodies import (
 )
 from .initial_state import InitialState, TightBolts
 from .models import Kept
+from .places_at_rest import PRESSED, TOUCHES, gaps_of, least_displaced
 from .press_fits import interference, loose_remarks, sliding_ones, strain_remark
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of, static_traction
 
@@ -100,7 +101,9 @@ class Stage:
         ramps = self.problem.ramps or (bolts.locked(self.problem.cuts) if self.problem.cuts else {})
         if self.static:
             free = [name for name in self.tightened if whole.cuts[name].tension is not None]
-            whole = static_problem(whole, static_scene(whole.scene, {}, self.loaded), free)
+            present = {unit.name for unit in self.problem.units}
+            left_out = [unit.name for unit in whole.units if unit.name not in present]
+            whole = static_problem(whole, static_scene(whole.scene, {}, self.loaded), free, left_out)
         return replace(whole, ramps=ramps)
 
 
@@ -195,13 +198,17 @@ def static_state(
     if whole.scene.time.quasi_static or not something_acts(scene):  # without inertia the loads come in its increments
         return tight if tight is None else replace(tight, amplitudes=dict(amplitudes))
     discretised = static_problem(whole, scene)
-    if (lost := loss_of_equilibrium(discretised)) is not None:
-        raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
-    problem, run, tolerance = equilibrium(discretised, tight, settings_of(whole.scene), kept)
-    converged, sentence = run.status()
-    if not converged:
-        raise _no_start(sentence)
-    state = state_at_end(problem, run, amplitudes, tolerance)
+    problem, run, state = _solved_start(whole, discretised, amplitudes, tight, kept)
+    size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
+    closed = closed_by_strains(whole, before, state.traction, PRESSED * size)
+    if loose := closed or sheared_alone(whole, state.traction, PRESSED * size):
+        other = static_problem(whole, scene, without=loose)
+        solved = _solved_start(whole, other, amplitudes, tight, kept)
+        overlaps = _overlaps(whole, solved[2], loose, size)
+        if closed and overlaps:
+            raise SceneError(overlaps, "the scene cannot be built")
+        if not overlaps:
+            discretised, (problem, run, state) = other, solved
     if stages is not None:
         end = state if tight is None else replace(state, bolts=tight.bolts)
         stages.append(Stage(discretised, problem, run.recorder.rows, tight, kept, static=True, end=end))
@@ -217,6 +224,48 @@ def static_size(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> f
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     tight = [cut.stress(whole.bodies[cut.table.substructure]) for cut in whole.cuts.values()]
     return max(static_traction(scene, bodies, np.array([0.0, 1.0])), *tight, 0.0)
+
+
+def _solved_start(
+    whole: DiscretisedProblem,
+    discretised: DiscretisedProblem,
+    amplitudes: Mapping[str, float],
+    tight: InitialState | None,
+    kept: Kept,
+) -> tuple[SolverReadyProblem, Run, InitialState]:
+    """The static problem ``discretised`` of a start, solved, and its equilibrium, in which interfaces that it lacks
+    carry nothing."""
+    if (lost := loss_of_equilibrium(discretised)) is not None:
+        raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
+    problem, run, tolerance = equilibrium(discretised, tight, settings_of(whole.scene), kept)
+    converged, sentence = run.status()
+    if not converged:
+        raise _no_start(sentence)
+    state = state_at_end(problem, run, amplitudes, tolerance)
+    present, static = {unit.name for unit in discretised.units}, static_interfaces(whole.scene)
+    absent = [unit for unit in whole.units if unit.name in static and unit.name not in present]
+    nothing = {u.name: np.zeros((u.geometry.n_point, u.behaviour.n_component)) for u in absent}
+    return problem, run, replace(state, traction={**state.traction, **nothing})
+
+
+def _overlaps(whole: DiscretisedProblem, state: InitialState, loose: Collection[str], size: float) -> Problems:
+    """A problem for every interface of ``loose``, which carry nothing in an equilibrium, whose sides overlap where
+    bodies have moved out of the way as far as they can (``places_at_rest``); ``size`` : of its tractions, Pa."""
+    place = least_displaced(whole, state, size).displacement
+    largest = max(float(np.abs(u).max(initial=0.0)) for u in place.values())
+    problems = Problems()
+    for name, gap in gaps_of(whole, [unit for unit in whole.units if unit.name in loose], place).items():
+        # as exact as the place
+        if gap.min(initial=0.0) < -TOUCHES * largest:
+            problems.add(
+                f"interface.{name}",
+                "is open in the scene, nothing else holds its bodies, strains of t = 0 close it, and no motion of the "
+                "bodies opens it again: whether it holds them depends on the way to this state",
+                f"overlap {-float(gap.min()):.3g} {whole.scene.unit_system['m']}",
+                "an interface that touches in the scene, or a gap that stays open",
+                'give it gap = 0, a larger gap, or set time.start = "given"',
+            )
+    return problems
 
 
 def equilibrium(
@@ -288,8 +337,11 @@ def state_at_end(
     return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)
 
 
-def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str] = ()) -> DiscretisedProblem:
-    """The static problem on the meshes and interfaces that are there; ``free`` : bolts whose tension is given."""
+def static_problem(
+    whole: DiscretisedProblem, scene: Scene, free: Collection[str] = (), without: Collection[str] = ()
+) -> DiscretisedProblem:
+    """The static problem on the meshes and interfaces that are there; ``free`` : bolts whose tension is given,
+    ``without`` : interfaces left out, of bodies that fall."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     problems = Problems()
     conditions = {n: conditions_on(b, scene.boundaries_of(n), problems, scene.ports_of(n)) for n, b in bodies.items()}
@@ -297,6 +349,7 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     units = [unit for unit in whole.units if unit.name in scene.joints]
     falling = falling_groups(whole.scene, bodies, conditions, units)
     taken = {name for group in falling for name in group.names}
+    units = [unit for unit in units if unit.name not in without]
     still = [group for group in free_groups(bodies, conditions, units) if taken.isdisjoint(group.motions)]
     groups = [*still, *(group.free for group in falling)]
     conditions = with_place(groups, bodies, held_in_place(falling, conditions), units)

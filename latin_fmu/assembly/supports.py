@@ -25,7 +25,7 @@ of minus the reactions of its nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal
@@ -257,77 +257,71 @@ def with_directions(
     return whole, moved
 
 
-def projections(
-    nodes: Index, directions: Array, taken: dict[int, Array], n_full: int
-) -> tuple[sp.csr_array, NDArray[np.bool_]]:
-    """Sum (3, n_full) of the parts of nodal vectors along directions (n, 3) that no support has ``taken`` yet (by node,
-    (n, 3) orthonormal), and whether each node has any; ``taken`` is extended."""
-    entries: list[tuple[int, Array]] = []
-    for node in nodes.tolist():
-        basis = taken.get(node, np.zeros((0, 3)))
-        first = len(basis)
-        for direction in directions:
-            rest = direction - (basis @ direction) @ basis
-            size = float(np.linalg.norm(rest))
-            if size > _DEPENDENT:
-                basis = np.vstack([basis, rest / size])
-        taken[node] = basis
-        # projector on the directions that are this support's
-        entries.append((node, basis[first:].T @ basis[first:]))
-    own = np.array([part.any() for _, part in entries])
-    rows = np.tile(np.repeat(np.arange(3), 3), len(entries))
-    columns = (3 * np.array([node for node, _ in entries])[:, None] + np.tile(np.arange(3), 3)).ravel()
-    data = np.concatenate([part.ravel() for _, part in entries])
-    whole = sp.coo_array((data, (rows, columns)), shape=(3, n_full)).tocsr()
-    whole.eliminate_zeros()
-    return whole, own
+def shared_out(held: Sequence[tuple[Index, Array]], n_full: int) -> list[sp.csr_array]:
+    """Sums (3, n_full) of what each support takes of nodal forces.
+
+    A support exerts forces on its nodes along its directions, with the projector P_i. Where several hold a node, their
+    forces P_i f_i have the sum r, and the least sum of squares among all that have it:
+
+        f_i = P_i S^+ r,   S = sum of P_i
+
+    Along a direction that n supports hold, each has r / n; independent directions have what r has along them. Neither
+    names, order nor frame change it.
+
+    held : by support, nodes (n,) and orthonormal directions (n_direction, 3).
+    """
+    total = np.zeros((n_full // 3, 3, 3))
+    for nodes, directions in held:
+        total[nodes] += directions.T @ directions
+    sums = []
+    for nodes, directions in held:
+        # directions nearer than _DEPENDENT have an eigenvalue of half its square
+        inverse = np.linalg.pinv(total[nodes], rcond=0.25 * _DEPENDENT**2, hermitian=True)
+        parts = (directions.T @ directions) @ inverse
+        rows = np.tile(np.repeat(np.arange(3), 3), len(nodes))
+        columns = (3 * nodes[:, None] + np.tile(np.arange(3), 3)).ravel()
+        whole = sp.coo_array((parts.ravel(), (rows, columns)), shape=(3, n_full)).tocsr()
+        whole.eliminate_zeros()
+        sums.append(whole)
+    return sums
+
+
+def held_directions(name: str, boundary: Fixed | Driven | Symmetry, body: Body) -> tuple[Index, Array]:
+    """Nodes (n,) and unit directions (n_direction, 3) that a condition holds or drives."""
+    face = split_face(boundary.face)[1]
+    nodes = body.nodes_of(face) if isinstance(boundary, Fixed) else body.face(face).nodes
+    if np.isin(nodes, body.rigid_nodes).any():
+        what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
+        problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
+        raise SceneError([problem], "the scene cannot be built")
+    directions = inclined_directions(body, boundary)
+    if directions is not None:
+        return nodes, directions
+    if isinstance(boundary, Symmetry):
+        # the face of a symmetry lies across one axis
+        return nodes, np.eye(3)[[int(np.argmax(np.abs(body.face(face).normals[0])))]]
+    return nodes, np.eye(3)[[AXES.index(component) for component in boundary.components]]
 
 
 def supports(
     boundaries: Mapping[str, Boundary], bodies: Mapping[str, Body], models: Mapping[str, SubstructureModel]
 ) -> dict[str, Support]:
-    """Supports of the elastic bodies: the dofs that each boundary holds or drives. A dof at the edge of two supports
-    counts for the first one that holds it."""
-    taken = {name: np.zeros(body.full_size(), dtype=bool) for name, body in bodies.items()}
-    inclined: dict[str, dict[int, Array]] = {}
-    for boundary in boundaries.values():
-        if not isinstance(boundary, Absorbing | Periodic):
-            body = bodies[split_face(boundary.face)[0]]
-            if not body.rigid and inclined_directions(body, boundary) is not None:
-                inclined[body.name] = {}
-    supported = {}
+    """Supports of the elastic bodies: what each boundary takes of the forces on the nodes that it holds or drives."""
+    faces = {n: b.face for n, b in boundaries.items() if not isinstance(b, Absorbing | Periodic)}
+    holding: dict[str, dict[str, tuple[Index, Array]]] = {}
     for name, boundary in boundaries.items():
         if isinstance(boundary, Absorbing | Periodic):
             continue
-        body, face = bodies[split_face(boundary.face)[0]], split_face(boundary.face)[1]
-        if body.rigid:
-            continue
-        nodes = body.nodes_of(face) if isinstance(boundary, Fixed) else body.face(face).nodes
-        if np.isin(nodes, body.rigid_nodes).any():
-            what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
-            problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
-            raise SceneError([problem], "the scene cannot be built")
-        if isinstance(boundary, Symmetry):
-            # the face of a symmetry lies across one axis
-            components = [int(np.argmax(np.abs(body.face(face).normals[0])))]
-        else:
-            components = [AXES.index(component) for component in boundary.components]
-        if body.name in inclined:
-            directions = inclined_directions(body, boundary)
-            directions = np.eye(3)[components] if directions is None else directions
-            parts, own = projections(nodes, directions, inclined[body.name], body.full_size())
-            if own.any():
-                where = (3 * nodes[own][:, None] + np.arange(3)).ravel()
-                # nodes with a direction that no support before has taken
-                supported[name] = Support(body.name, boundary.face, where, models[body.name], parts)
-            continue
-        dofs = (3 * nodes[:, None] + components).ravel()
-        # shared dofs belong to the first support
-        dofs = dofs[~taken[body.name][dofs]]
-        taken[body.name][dofs] = True
-        if len(dofs):
-            supported[name] = Support(body.name, boundary.face, dofs, models[body.name])
-    return supported
+        body = bodies[split_face(boundary.face)[0]]
+        if not body.rigid:
+            holding.setdefault(body.name, {})[name] = held_directions(name, boundary, body)
+    supported = {}
+    for body_name, held in holding.items():
+        sums = shared_out(list(held.values()), bodies[body_name].full_size())
+        for name, whole in zip(held, sums, strict=True):
+            supported[name] = Support(body_name, faces[name], models[body_name], whole)
+    # in the order of the scene
+    return {name: supported[name] for name in boundaries if name in supported}
 
 
 def absorbing_dashpots(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:
@@ -451,7 +445,6 @@ def port_supports(
         place = place_on_face(bodies[port.body], port.face)
         nodes, arms = place.face.nodes, place.arms
         driven = np.array([component in port.components for component in TRANSLATIONS], dtype=float)
-        dofs = (3 * nodes[:, None] + np.flatnonzero(driven)).ravel()
         for turned, blocks in ((False, np.tile(np.eye(3), (len(arms), 1, 1))), (True, cross_matrix(arms))):
             if turned and not port.rotates:
                 continue
@@ -461,7 +454,7 @@ def port_supports(
             entries = ((blocks * driven).ravel(), (rows.ravel(), columns.ravel()))
             parts = sp.csr_array(sp.coo_array(entries, shape=(3, place.body.full_size())))
             parts.eliminate_zeros()
-            made[port_key(name, turned)] = Support(port.body, port.face, dofs, models[port.body], parts)
+            made[port_key(name, turned)] = Support(port.body, port.face, models[port.body], parts)
     return made
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..api import computable
 from ..assembly.interfaces import completed
 from ..assembly.segments import Segment
 from ..errors import InputError, LatinError, Problem
@@ -116,14 +117,16 @@ class Session:
 
         Raises
         ------
-        InputError : the scene cannot be built, an input is not finite. SolverError : prescribed mode, no convergence.
+        InputError : the scene cannot be built, an input is not finite. SolverError : prescribed mode, no convergence;
+            a matrix is singular, numbers overflow.
         """
         bad = self._loads.not_finite()
         if bad or not math.isfinite(t0):
             raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
         self._loads.begin()
-        mode = self._prepared_mode(self._loads)
-        mode.start(self._loads, float(t0))
+        with computable():
+            mode = self._prepared_mode(self._loads)
+            mode.start(self._loads, float(t0))
         self.row = mode.row
         self._t0 = self.time = float(t0)
         self.started = True

@@ -4,7 +4,8 @@ the fields of small substructures where they are stored.
 The rows of all go into the image of the run, so that the march of many instants in one call keeps them too.
 
 A reaction is the resultant force of a support, from the equation of motion at the dofs that it holds. With e the sum
-over these dofs, component by component, and F the tractions of the interfaces,
+over these dofs, component by component (of a dof that several supports hold, the share of each), and F the tractions of
+the interfaces,
 
     R = e (M a + C v + K y) - e f - e T^T area F
 
@@ -27,7 +28,7 @@ import scipy.sparse as sp
 from ..propagator.forcing import STRAIN
 from ..propagator.image import Image
 from ..propagator.model import SubstructureModel, node_values
-from .assembly import Array, Assembly, Index
+from .assembly import Array, Assembly
 from .outcome import BoltHistory, ReactionHistory, SensorHistory
 
 SERIES: Final[Mapping[str, tuple[str, tuple[int, ...] | None]]] = {
@@ -95,30 +96,33 @@ class SensorPlace:
         return values[:, :STRAIN]
 
 
+def by_instants(rows: Array, matrix: Array) -> Array:
+    """The product of rows (n, k), one an instant, with a matrix (k, m), one row at a time.
+
+    A product of many rows has other bits than those of each, and so has one of numbers that do not lie side by side; a
+    run that goes on from a checkpoint has the bits of one in one go.
+    """
+    product = np.empty((len(rows), matrix.shape[1]))
+    for row, result in zip(np.ascontiguousarray(rows), product, strict=True):
+        np.dot(row, matrix, out=result)
+    return product
+
+
 @dataclass(frozen=True)
 class Support:
     """A boundary condition that holds or drives dofs of an elastic substructure.
 
     Attributes
     ----------
-    substructure, face : its body and face. dofs : held or driven full dofs, each in one support only.
-    model : of the substructure, with the matrices of its mesh.
-    parts : (3, n_full) sum of the parts of nodal vectors along the directions of the support, where they are no axes.
+    substructure, face : its body and face. model : of the substructure, with the matrices of its mesh.
+    sum : e (3, n_full): what the support takes of forces on the nodes, summed up; components that other supports hold,
+        too, by their shares (``assembly.supports.shared_out``).
     """
 
     substructure: str
     face: str
-    dofs: Index
     model: SubstructureModel
-    parts: sp.csr_array | None = None
-
-    @property
-    def sum(self) -> sp.csr_array:
-        """e (3, n_full): sum of the held dofs, component by component."""
-        if self.parts is not None:
-            return self.parts
-        entries = (np.ones(len(self.dofs)), (self.dofs % 3, self.dofs))
-        return sp.csr_array(sp.coo_array(entries, shape=(3, self.model.n_full)))
+    sum: sp.csr_array
 
     def full_rows(self, model: SubstructureModel, explicit: bool, /) -> sp.csr_array | Array:
         """e K, e C, e M one below the other, (9, n_full); explicit schemes have the lumped mass of ``model``."""
@@ -149,7 +153,8 @@ class Support:
         for amplitude, load in zip(amplitudes, self.loads, strict=True):
             static = static - amplitude[of.instants, None] * load
         channels = of.assembly.channels[of.number][:, of.member]
-        return np.stack([static, values[:, 2, 6:] - of.tractions[:, channels] @ self.spread], axis=1)
+        carried = by_instants(of.tractions[:, channels], self.spread)
+        return np.stack([static, values[:, 2, 6:] - carried], axis=1)
 
 
 @dataclass(frozen=True)
@@ -334,7 +339,7 @@ class Probes:
                 values = kept[:, :, place.part, place.member]
                 imposed = assembly.propagators[place.number].forcing.motion_histories(place.member)
                 if imposed is not None:
-                    moved = [motion[instants] @ place.shapes.T for motion in imposed]
+                    moved = [by_instants(motion[instants], place.shapes.T) for motion in imposed]
                     values = values + np.stack(moved, axis=1)
                 of = Reading(assembly, place.number, place.member, instants, tractions)
                 series[key][name][instants] = self._request.places(key)[name].read(values, of)

@@ -48,6 +48,7 @@ _INSTANTS, _ITERATIONS = 500.0, 4.0  # of the march that the two forms are compa
 _FLOP = 3.5e-11  # CPU time of a multiplication, s
 _ENTRY, _DENSE_ENTRY = 1.7e-10, 6e-10  # of an entry of a factor in single precision, of a matrix beyond the cache, s
 _COLUMNS = 128  # solved at a time
+_SINGULAR = 1e-12  # cosine between a direction and its image below which a matrix counts as singular
 ENOUGH, _MOST = 1e-4, 200  # residual and iterations of the conjugate gradients of a resistance
 
 
@@ -182,9 +183,30 @@ class InterfaceCompliance:
             direction = scaled + (size / last * direction if last else 0.0)  # 0 in the first iteration
             full[moving] = direction
             image = (self @ full)[moving]
-            step = size / float(direction @ image)
+            curvature = float(direction @ image)
+            # points that are held to each other: C is singular, and uniform motion need not be in its range
+            if curvature <= _SINGULAR * float(np.linalg.norm(direction) * np.linalg.norm(image)):
+                return self._least_resistance(moving, enough)
+            step = size / curvature
             x += step * direction
             rest -= step * image
+        return float(x.sum())
+
+    def _least_resistance(self, moving: Index, enough: float) -> float:
+        """1^T C^+ 1 by least squares (C. C. Paige and M. A. Saunders, LSQR, ACM Trans. Math. Softw. 8, 1982)."""
+
+        from scipy.sparse.linalg import LinearOperator, lsqr  # few scenes need it
+
+        def product(force: Array) -> Array:
+            full = np.zeros(len(self._diagonal))
+            full[moving] = force.ravel()
+            return np.asarray((self @ full)[moving])
+
+        n = len(moving)
+        # symmetric: its own transpose
+        matrix = LinearOperator((n, n), matvec=product, rmatvec=product, dtype=np.float64)
+        # beyond a condition of 1e10 singular values are round-off
+        x = lsqr(matrix, np.ones(n), atol=1e-2 * enough, btol=enough, conlim=1e10, iter_lim=_MOST)[0]
         return float(x.sum())
 
 

@@ -179,7 +179,11 @@ class Output(SceneTable):
         Flag, about("pressure, slip and friction energy at the points of interfaces, for maps on their surfaces")
     ] = False
     reactions: Annotated[
-        Flag, about("resultant force of every boundary that holds or drives a face of an elastic substructure")
+        Flag,
+        about(
+            "resultant force of every boundary that holds or drives a face of an elastic substructure; what several "
+            "hold, an edge of two faces, they carry in equal parts"
+        ),
     ] = False
     energy: Annotated[Flag, about("energy balance of the assembly")] = False
     every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1

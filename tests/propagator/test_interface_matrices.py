@@ -8,6 +8,7 @@ import scipy.sparse as sp
 
 from latin_fmu.errors import SolverError
 from latin_fmu.propagator.interface_matrices import projected, resistance, with_dashpots
+from latin_fmu.propagator.interface_sweeps import InterfaceCompliance
 
 Array = np.ndarray
 
@@ -80,3 +81,21 @@ def test_resistance_of_a_face() -> None:
 def test_resistance_of_points_that_move_together() -> None:
     """A singular block (two channels on one dof) still has a response to a uniform velocity."""
     assert resistance(np.array([[2.0, 2.0], [2.0, 2.0]]), np.arange(2)) == pytest.approx(0.5)
+
+
+class Products(InterfaceCompliance):
+    """A matrix known by its products."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self._matrix, self._diagonal = matrix, matrix.diagonal()
+
+    def __matmul__(self, force: np.ndarray) -> np.ndarray:
+        return self._matrix @ force
+
+
+@pytest.mark.parametrize("rank", [1, 2, 4])
+def test_resistance_of_points_that_outnumber_their_dofs(rank: int) -> None:
+    """By products, too: the least-squares response, where no forces move all points alike."""
+    weights = np.random.default_rng(rank).uniform(0.2, 1.0, (6, rank))
+    expected = np.linalg.pinv(weights @ weights.T, rcond=1e-10).sum()
+    assert Products(weights @ weights.T).resistance(np.arange(6), 1e-9) == pytest.approx(expected, rel=1e-6)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 import latin_fmu
+from fmu_build.build import compiled_files
+from latin_fmu.cosim import Session
 from latin_fmu.errors import SolverError
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
@@ -21,7 +23,8 @@ def test_one_layer_of_elements_under_a_displaced_face(layers: int) -> None:
     )
     scene = latin_fmu.scene_from_dict(tables)
     if layers == 1:
-        with pytest.raises(SolverError, match="two layers of elements or more"):
-            latin_fmu.solve(scene)
+        for made in (latin_fmu.solve, lambda s: Session(s).initialize(), lambda s: compiled_files(s, "2")):
+            with pytest.raises(SolverError, match="two layers of elements or more"):
+                made(scene)
     else:
         assert latin_fmu.solve(scene).time[-1] == pytest.approx(1e-6)

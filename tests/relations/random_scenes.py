@@ -1,4 +1,8 @@
-"""Random scenes of bodies in a row with every kind of joint, load and start, small enough for hundreds of runs."""
+"""Random scenes, small enough for hundreds of runs: bodies in a row with every kind of joint, load and start, and
+plates in a clamp whose bolt is tightened.
+
+A box may have the key ``cells``, which no scene has: ``relations.written`` puts a mesh file of such cells in its place.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +14,84 @@ Tables = dict[str, Any]
 Random = np.random.Generator
 INSTANTS = 10
 SCHEMES = ("automatic", "automatic", "hht", "newmark", "generalized_alpha")
+CELLS = ("tetra", "tetra10", "wedge", "hexahedron20", "pyramid")
+"""Of bodies that come as mesh files."""
 JOINTS = ("contact", "contact", "contact", "no_slip", "perfect", "elastic_layer", "soft_contact", "viscous_joint")
 OPENING = ("contact", "no_slip", "soft_contact")
 
 
 def random_scene(seed: int) -> Tables:
+    """A scene as tables: one in eight with a bolt, and of the others one in six with a body from a mesh file."""
+    rng = np.random.default_rng([seed, 2])
+    if rng.random() < 0.125:
+        return clamp_scene(seed)
+    tables = row_scene(seed)
+    if rng.random() < 1.0 / 6.0:
+        name = f"b{int(rng.integers(len(tables['substructure'])))}"
+        tables["substructure"][name]["box"]["cells"] = str(rng.choice(CELLS))
+    return tables
+
+
+def clamp_scene(seed: int) -> Tables:
+    """Two plates, ``lower`` held, between the jaws of a clamp whose shank is tightened beside them."""
+    rng = np.random.default_rng([seed, 3])
+    size = 10.0 ** rng.uniform(-2.5, -1.0)
+    stuffs = [_stuff(rng) for _ in range(3)]
+    length, width, thick, low, jaw = size * rng.uniform([3.0, 1.0, 0.5, 0.5, 0.5], [5.0, 2.0, 1.0, 1.0, 1.0])
+    x, reach = size * rng.uniform(0.3, 1.0), size * rng.uniform(1.0, 1.5)
+    bodies = {  # material, origin, size, elements
+        "lower": (0, (0.0, 0.0, -low), (length, width, low), (3, 2, 1)),
+        "upper": (1, (0.0, 0.0, 0.0), (length, width, thick), (2, 2, 2)),
+        "head": (2, (x, 0.5 * width, thick), (reach, width, jaw), (2, 2, 1)),
+        "nut": (2, (x, 0.5 * width, -low - jaw), (reach, width, jaw), (2, 2, 1)),
+        "shank": (2, (x + 0.25 * reach, width, -low), (0.5 * reach, 0.4 * width, low + thick), (1, 1, 4)),
+    }
+    tables: Tables = {
+        "name": f"relation_{seed}",
+        "material": {f"m{i}": stuff for i, stuff in enumerate(stuffs)},
+        "substructure": {
+            name: {
+                "material": f"m{of}",
+                "box": {"origin": [float(v) for v in origin], "size": [float(v) for v in edges], "elements": [*counts]},
+            }
+            for name, (of, origin, edges, counts) in bodies.items()
+        },
+    }
+    pairs = {"joint": "lower.zmax upper.zmin", "over": "upper.zmax head.zmin", "under": "nut.zmax lower.zmin"}
+    friction = rng.choice([0.1, 0.2, 0.4], 3).tolist()
+    tables["interface"] = {
+        name: {"sides": sides.split(), "friction_coefficient": mu}
+        for (name, sides), mu in zip(pairs.items(), friction, strict=True)
+    }
+    for name, sides in {"top": "shank.zmax head.zmin", "thread": "nut.zmax shank.zmin"}.items():
+        tables["interface"][name] = {"sides": sides.split(), "behaviour": "perfect"}
+    # strains of 1e-5
+    strain = 1e-5 * min(_speed(s) ** 2 * s["density"] for s in stuffs)
+    force = strain * 0.2 * reach * width * rng.uniform(0.3, 1.0)
+    step = float(2.0 * size / max(_speed(s) for s in stuffs) * rng.uniform(0.05, 0.3))
+    tables |= {
+        "bolt": {"b": {"substructure": "shank", "axis": [0.0, 0.0, 1.0], "force": float(force)}},
+        "boundary": {"wall": {"type": "fixed", "face": "lower.xmin"}},
+        "sensor": {"tip": {"face": "upper.xmax"}, "top": {"face": "head.zmax"}},
+        "load": {},
+        "time": {"end": INSTANTS * step, "instants": INSTANTS, "scheme": SCHEMES[int(rng.integers(len(SCHEMES)))]},
+        "solver": {"tolerance": 1e-9, "max_iterations": 1000},
+        "output": {"energy": True, "fields": False, "reactions": True},
+    }
+    share = force / (length * width)
+    if rng.random() < 0.5:
+        pressure = float(share * rng.uniform(0.2, 1.0))
+        tables["load"]["press"] = {"face": "upper.zmax", "pressure": pressure, "law": _law(rng, INSTANTS * step)}
+    else:
+        traction = (0.3 * share * rng.normal(size=3)).tolist()
+        tables["load"]["push"] = {"face": "upper.xmax", "traction": traction, "law": _law(rng, INSTANTS * step)}
+    if rng.random() < 0.3:
+        hot = [str(rng.choice(list(bodies)))]
+        tables["temperature"] = {"hot": {"substructures": hot, "change": float(rng.uniform(-0.3, 0.3))}}
+    return tables
+
+
+def row_scene(seed: int) -> Tables:
     """A scene of two or three boxes in a row along z, b0 at the bottom, as tables."""
     rng = np.random.default_rng(seed)
     count, size = 2 + int(rng.random() < 0.3), 10.0 ** rng.uniform(-2.0, -0.5)
@@ -42,7 +119,7 @@ def random_scene(seed: int) -> Tables:
     if static:
         tables["time"]["start"] = "static"
     tables["solver"] = {"tolerance": 1e-9, "max_iterations": 1000}
-    tables["output"] = {"energy": True, "fields": False}
+    tables["output"] = {"energy": True, "fields": False, "reactions": True}
     return tables
 
 

@@ -8,8 +8,10 @@ is in neither list below is an error, so that a new one has a place before its f
 from __future__ import annotations
 
 import copy
+import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,13 +20,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import latin_fmu
+from fmu_build.build import build_fmu
 from latin_fmu.cosim import Session
-from latin_fmu.errors import SceneError
+from latin_fmu.errors import SceneError, SolverError
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.scene.fields import SceneTable
 from latin_fmu.scene.units import UNIT_SYSTEMS
 from latin_fmu.stability.surfaces import write_mesh
+from tests.fem.meshes import cut
+from tests.fmu.host import Host
 
 from .random_scenes import Tables
 
@@ -33,8 +38,14 @@ Results = dict[str, Array]
 Random = np.random.Generator
 LIMIT: Final = 1e-5
 """Of the largest of the quantity: two descriptions of one discrete problem, solved to 1e-9."""
+SINGLE: Final = 1e-6
+"""What docs/scene_time.md says of factors in single precision; a run tells no error of its own for them."""
+RESIDUALS: Final = ("energy.balance", "energy.drift_work")
+"""Zero but for round-off and for what the solver leaves: they count beside the largest energy."""
 SMALL: Final = 1e-3
 """A quantity counts as at least this share of the largest of its kind: the tolerance is one of the whole scene."""
+SMALL_ENERGY: Final = 1e-2
+"""The same of energies: what contacts lose is what is left of the works of all forces."""
 POINTS: Final = ("origin", "point", "centre")
 VECTORS: Final = (
     *("initial_velocity", "initial_spin", "initial_displacement", "body_force", "acceleration", "traction", "force"),
@@ -78,6 +89,15 @@ class Run:
     converged: bool = True
     refused: str = ""
     warnings: tuple[str, ...] = ()
+    solution: latin_fmu.Solution | None = None
+
+
+class NotConvergedError(Exception):
+    """A run step by step that stops because a step has not converged, or a run that its own checks stop."""
+
+
+Apart = tuple[str, float, float]
+"""The quantity that differs most, by how much, and the limit."""
 
 
 @dataclass(frozen=True)
@@ -88,18 +108,24 @@ class Relation:
     ----------
     change : tables of the second run, and how its results are taken back, from tables, random numbers and a folder;
         None where the scene has nothing to change. limit : of the difference; 0: the same bits. solve : the second run.
+        apart : difference and limit of two runs and the largest force, where the second tells its error.
+        costly : whether a second run takes a second and more.
     """
 
     name: str
     change: Callable[[Tables, Random, Path], tuple[Tables, Callable[[Results], Results]] | None]
     limit: float = LIMIT
     solve: Callable[[latin_fmu.Scene, Path], Results] | None = None
+    apart: Callable[[Run, Run, float], Apart] | None = None
+    costly: bool = False
 
 
 # -- results ----------------------------------------------------------------------------------------------------------
 def results_of(solution: latin_fmu.Solution) -> Results:
-    """Forces of interfaces, motions of sensors and energies at all instants."""
+    """Forces of interfaces and supports, tensions of bolts, motions of sensors and energies at all instants."""
     made = {f"force.{name}": history.force() for name, history in solution.interfaces.items()}
+    made |= {f"reaction.{name}": history.force for name, history in solution.reactions.items()}
+    made |= {f"tension.{name}": history.force for name, history in solution.bolts.items()}
     for name, sensor in solution.sensors.items():
         made |= {f"displacement.{name}": sensor.displacement, f"velocity.{name}": sensor.velocity}
     made |= {f"energy.{name}": values for name, values in (solution.energy or {}).items()}
@@ -109,14 +135,16 @@ def results_of(solution: latin_fmu.Solution) -> Results:
 def run(tables: Tables, folder: Path, solve: Callable[[latin_fmu.Scene, Path], Results] | None = None) -> Run:
     """The outcome of a scene given as tables."""
     try:
-        scene = latin_fmu.scene_from_dict(copy.deepcopy(tables), folder)
+        scene = latin_fmu.scene_from_dict(written(tables, folder), folder)
         if solve is not None:
             return Run(solve(scene, folder))
         solution = latin_fmu.solve(scene)
-    except SceneError as error:
+    except NotConvergedError as stopped:
+        return Run(converged=False, refused=str(stopped))
+    except (SceneError, SolverError) as error:
         return Run(refused=str(error))
     said = "" if solution.converged else solution.status
-    return Run(results_of(solution), solution.converged, said, tuple(solution.warnings))
+    return Run(results_of(solution), solution.converged, said, tuple(solution.warnings), solution)
 
 
 def load_of(tables: Tables) -> float:
@@ -125,13 +153,14 @@ def load_of(tables: Tables) -> float:
     area = max((max(size) ** 2 for size in edges), default=0.0)
     loads = tables.get("load", {}).values()
     forces = [abs(load.get("pressure", 0.0)) * area + float(np.linalg.norm(load.get("force", 0.0))) for load in loads]
+    forces += [bolt.get("force", 0.0) for bolt in tables.get("bolt", {}).values()]
     return max(forces, default=0.0)
 
 
 def distances(expected: Results, found: Results, force: float) -> dict[str, float]:
     """Largest difference of each quantity over its largest value, or ``SMALL`` of the largest of its kind; ``force`` :
     of a load."""
-    largest = {"force": force}
+    largest = {"force": force, "reaction": force}
     for name, values in expected.items():
         kind = name.partition(".")[0]
         largest[kind] = max(largest.get(kind, 0.0), float(np.abs(values).max(initial=0.0)))
@@ -139,7 +168,8 @@ def distances(expected: Results, found: Results, force: float) -> dict[str, floa
     for name, values in found.items():
         kind, size = name.partition(".")[0], float(np.abs(expected[name]).max(initial=0.0))
         apart = float(np.abs(values - expected[name]).max(initial=0.0))
-        scale = max(size, SMALL * largest[kind])
+        share = 1.0 if name in RESIDUALS else SMALL_ENERGY if kind == "energy" else SMALL
+        scale = max(size, share * largest[kind])
         made[name] = apart / scale if scale > 0.0 else apart
     return made
 
@@ -166,10 +196,14 @@ def fields(table: SceneTable, data: Any, path: str = "") -> Iterator[tuple[str, 
 
 def changed(tables: Tables, change: Callable[[str, str | None, Any], Any]) -> Tables:
     """Tables with the numbers that ``change(key, unit, value)`` gives for fields of the schema."""
-    scene = latin_fmu.scene_from_dict(copy.deepcopy(tables))
+    plain = copy.deepcopy(tables)
+    cells = {n: b["box"].pop("cells") for n, b in plain["substructure"].items() if "cells" in b.get("box", {})}
+    scene = latin_fmu.scene_from_dict(plain)
     made = scene.tables()
     for _, key, unit, data, _ in list(fields(scene, made)):
         data[key] = change(key, unit, data[key])
+    for name, kind in cells.items():
+        made["substructure"][name]["box"]["cells"] = kind
     return {key: value for key, value in made.items() if value not in ({}, None)}
 
 
@@ -205,14 +239,22 @@ def _each(results: Results, vector: Callable[[str, Array], Array]) -> Results:
     return {name: vector(name, v) if v.ndim == 2 else v for name, v in results.items()}
 
 
-def as_files(tables: Tables, folder: Path, turn: Array | None = None) -> Tables:
-    """Tables whose boxes are mesh files in a folder, turned about the origin by a rotation (3, 3)."""
+def written(tables: Tables, folder: Path) -> Tables:
+    """Tables with mesh files in the place of boxes that name their cells."""
+    return as_files(tables, folder, names=[n for n, b in tables["substructure"].items() if "cells" in b.get("box", {})])
+
+
+def as_files(tables: Tables, folder: Path, turn: Array | None = None, names: Collection[str] | None = None) -> Tables:
+    """Tables whose boxes, all or those of ``names``, are mesh files in a folder, turned about the origin by a rotation
+    (3, 3)."""
     made = copy.deepcopy(tables)
     place = Path(tempfile.mkdtemp(dir=folder))
     for name, body in made["substructure"].items():
-        if (box := body.pop("box", None)) is None:
+        if "box" not in body or (names is not None and name not in names):
             continue
+        box = body.pop("box")
         mesh = box_mesh(np.array(box.get("origin", [0.0] * 3)), np.array(box["size"]), tuple(box["elements"]))
+        mesh = cut(mesh, box["cells"]) if "cells" in box else mesh
         write_mesh(place / f"{name}.msh", mesh, None if turn is None else lambda x: x @ turn.T)
         body["mesh"] = {"file": str(place / f"{name}.msh")}
     return made
@@ -253,6 +295,7 @@ NAMED: Final = (
     "spring",
     "point_mass",
     "material",
+    "bolt",
 )
 
 
@@ -310,7 +353,11 @@ def _in_other_units(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, 
         del key
         return value if unit is None else scaled(value, system.size(unit))
 
-    units = {"force": "N", "displacement": "m", "velocity": "m s-1", "energy": "J"}
+    units = dict.fromkeys(("force", "reaction", "tension"), "N") | {
+        "displacement": "m",
+        "velocity": "m s-1",
+        "energy": "J",
+    }
     made = changed(tables, change) | {"units": system.name}
     return made, lambda results: {n: v * system.size(units[n.partition(".")[0]]) for n, v in results.items()}
 
@@ -376,7 +423,12 @@ def _as_it_is(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callab
 def _cut(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callable[[Results], Results]] | None:
     """A body cut in two by a bond between layers of its elements."""
     del folder
-    boxes = {n: b["box"] for n, b in tables["substructure"].items() if b["box"]["elements"][2] > 1}
+    bolts = {bolt["substructure"] for bolt in tables.get("bolt", {}).values()}
+    boxes = {
+        n: b["box"]
+        for n, b in tables["substructure"].items()
+        if b["box"]["elements"][2] > 1 and "cells" not in b["box"] and n not in bolts
+    }
     if not boxes or tables["time"].get("scheme") == "generalized_alpha":
         return None
     name = sorted(boxes)[int(rng.integers(len(boxes)))]
@@ -392,7 +444,7 @@ def _cut(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callable[[R
         "elements": [*box["elements"][:2], box["elements"][2] - below],
     }
     sides = f"{name}.xmin", f"{name}.xmax", f"{name}.ymin", f"{name}.ymax"
-    if any(t.get("face") in sides for group in ("load", "boundary") for t in made.get(group, {}).values()):
+    if any(t.get("face") in sides for group in ("load", "boundary", "sensor") for t in made.get(group, {}).values()):
         return None
     made["substructure"]["upper_half"] = high
     made["interface"]["bond"] = {"sides": [f"{name}.zmax", "upper_half.zmin"], "behaviour": "perfect"}
@@ -443,10 +495,68 @@ def _in_a_session(scene: latin_fmu.Scene, folder: Path) -> Results:
     rows = {name: [] for name in names}
     for i in range(scene.time.n_step):
         report = session.step(i * step, step)
-        assert report, report.message
+        if not report:
+            raise NotConvergedError(report.message)
         for name, own in names.items():
             rows[name].append(session.values(own))
     return {name: np.array([np.full(3, np.nan), *values]) for name, values in rows.items()}
+
+
+def _in_an_fmu(python: bool) -> Callable[[latin_fmu.Scene, Path], Results]:
+    """The run step by step in an FMU, compiled or with Python."""
+
+    def solve(scene: latin_fmu.Scene, folder: Path) -> Results:
+        place = Path(tempfile.mkdtemp(dir=folder))
+        names = {f"force.{name}": [f"interface.{name}.force[{i}]" for i in (1, 2, 3)] for name in scene.joints}
+        rows = {name: [np.full(3, np.nan)] for name in names}
+        with closing(Host(build_fmu(scene, place / "scene.fmu", "2", python=python), place / "host")) as host:
+            host.start()
+            for i in range(scene.time.n_step):
+                # 1 is a warning: the step was made
+                if not host.step(i * scene.time.time_step, scene.time.time_step) and host.last > 1:
+                    raise NotConvergedError(str(host.messages))
+                for name, outputs in names.items():
+                    rows[name].append(host.read(outputs))
+        return {name: np.array(values) for name, values in rows.items()}
+
+    return solve
+
+
+def _reduced(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callable[[Results], Results]] | None:
+    """A few modes of each body, where the time scheme permits it."""
+    del folder
+    if tables["time"].get("scheme") == "generalized_alpha":
+        return None
+    propagator = {"type": "reduced", "modes": int(rng.integers(4, 25))}
+    return tables | {"solver": tables["solver"] | {"propagator": propagator}}, _same
+
+
+_TOLD: Final = re.compile(r"estimated error of the interface velocities ([\d.e+-]+) %")
+
+
+ESTIMATE: Final = 2.0
+"""How far beyond an estimated error the difference may be."""
+
+
+def _by_the_told_error(base: Run, second: Run, force: float) -> Apart:
+    """Interface velocities and forces of a reduced run, root mean square over all of them, beside the error of the
+    velocities that the run tells for its bodies: that of contact forces is smaller, it says."""
+    told = [float(found[1]) for warning in second.warnings if (found := _TOLD.search(warning))]
+    assert base.solution is not None
+    assert second.solution is not None
+    others = second.solution.interfaces
+    # sums of squares: velocities of the differences and of all, then forces, those far below the load round-off
+    sums = np.array([[0.0, 0.0], [0.0, 0.0]])
+    for name, history in base.solution.interfaces.items():
+        weights, expected = history.areas[:, None], history.velocity
+        sums[0] += (weights * (others[name].velocity - expected) ** 2).sum(), (weights * expected**2).sum()
+        forces = history.force()
+        floor = len(forces) * (SMALL * force) ** 2
+        sums[1] += ((others[name].force() - forces) ** 2).sum(), max((forces**2).sum(), floor)
+    shares = np.sqrt(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(2), where=sums[:, 1] > 0.0))
+    worst = int(shares.argmax())
+    name = ("interface velocities", "interface forces")[worst]
+    return name, float(shares[worst]), ESTIMATE * max(told, default=0.0) / 100.0 + LIMIT
 
 
 RELATIONS: Final = {
@@ -468,6 +578,9 @@ RELATIONS: Final = {
         Relation("checkpoint", _as_it_is, 0.0, _resumed),
         Relation("session", _as_it_is, LIMIT, _in_a_session),
         Relation("cut by a bond", _cut),
-        Relation("single precision", with_solver(precision="float32"), 1e-3),
+        Relation("single precision", with_solver(precision="float32"), SINGLE),
+        Relation("reduced", _reduced, apart=_by_the_told_error),
+        Relation("compiled FMU", _as_it_is, LIMIT, _in_an_fmu(python=False), costly=True),
+        Relation("FMU with Python", _as_it_is, LIMIT, _in_an_fmu(python=True), costly=True),
     )
 }

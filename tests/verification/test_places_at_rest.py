@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.assembly.places_at_rest import _nearest
+from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import solve
 
@@ -59,6 +60,44 @@ def test_a_hot_body_lifts_what_lies_on_it_and_moves_it_no_further() -> None:
     said = [warning for warning in solution.warnings if "only contacts" in warning]
     assert len(said) == 1
     assert "substructure lower, upper: only contacts without pressure" in said[0]
+
+
+PULL = [0.0, 0.0, -5.0]  # m s-2
+
+
+def close_to_a_hot_body(gap: float, first: str = "upper") -> dict[str, Any]:
+    """A load on the upper cube, and a gap below it that the hot lower one closes; ``first`` in the scene."""
+    scene = heated(["lower"], boundary={"base": {"type": "symmetry", "face": "lower.zmin"}})
+    scene["interface"]["meet"] |= {"gap": gap}
+    scene["substructure"]["upper"]["body_force"] = (STEEL.density * np.array(PULL)).tolist()
+    scene["substructure"] = dict(sorted(scene["substructure"].items(), key=lambda item: item[0] != first))
+    return scene
+
+
+@pytest.mark.parametrize("first", ["lower", "upper"])
+def test_a_hot_body_pushes_what_falls_out_of_its_way(first: str) -> None:
+    """The inertia of the upper cube holds its load, so that nothing can press it: it is lifted, nothing else, by what
+    the lower one grows beyond the gap."""
+    gap = 0.3 * ALPHA * CHANGE * EDGE
+    solution = solve(close_to_a_hot_body(gap, first))
+    upper, meet = solution.substructures["upper"], solution.interfaces["meet"]
+    size = ALPHA * CHANGE * EDGE
+    lifted = np.tile([0.0, 0.0, size - gap], (len(upper.nodes), 1))
+    assert upper.displacement[0] == pytest.approx(lifted, abs=1e-8 * size)
+    assert not meet.traction[0].any()
+
+
+def test_a_body_that_cannot_get_out_of_the_way_is_refused() -> None:
+    """Between two hot cubes that grow by more than both gaps, its place has no solution without pressure."""
+    scene = close_to_a_hot_body(0.3 * ALPHA * CHANGE * EDGE)
+    lid = {**scene["substructure"]["upper"], "box": {**scene["substructure"]["upper"]["box"]}}
+    lid["box"]["origin"] = [0.0, 0.0, 2.0 * EDGE]
+    scene["substructure"]["lid"] = lid
+    scene["boundary"]["roof"] = {"type": "fixed", "face": "lid.zmax"}
+    scene["interface"]["above"] = {"sides": ["upper.zmax", "lid.zmin"], "gap": 0.1 * ALPHA * CHANGE * EDGE}
+    with pytest.raises(SceneError, match=r"interface\.meet.*strains of t = 0 close it") as told:
+        solve(scene)
+    assert 'time.start = "given"' in str(told.value)
 
 
 def test_derivatives_have_the_place_too() -> None:

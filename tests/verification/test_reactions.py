@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.supports import shared_out
 from latin_fmu.stability.scenes import Box, Material, column
 
 E, RHO, L, SIDE = 210e9, 7800.0, 1.0, 0.1
@@ -154,3 +155,40 @@ def test_in_file_summary_and_report(tmp_path: Path) -> None:
     assert "largest reaction" in solution.summary(details=True)
     assert solution.report()["reactions"]["base"]["last"] == solution.reactions["base"].force[-1].tolist()
     assert latin_fmu.solve(sheared(output={})).reactions == {}
+
+
+def corner(first: str, second: str) -> dict[str, np.ndarray]:
+    """Reactions of a cube held at two faces that share an edge, in one of the two orders of the scene."""
+    data = column(
+        {"cube": Box(Material(E, RHO, 0.3, "steel"), (0.02, 0.02, 0.02), (2, 2, 2))},
+        {},
+        {"end": 1.0, "instants": 2, "quasi_static": True},
+        boundary={side: {"type": "fixed", "face": f"cube.{side}"} for side in (first, second)},
+        load={"pull": {"face": "cube.ymax", "traction": [30e6, 0.0, 30e6], "law": {"type": "step", "start": 0.0}}},
+        output={"reactions": True},
+    )
+    reactions = latin_fmu.solve(latin_fmu.scene_from_dict(data)).reactions
+    return {name: history.force[-1] for name, history in reactions.items()}
+
+
+def test_two_supports_share_their_edge_in_any_order() -> None:
+    """A cube and its load are their own mirror image across the plane x = z; so are the reactions of both faces."""
+    before, after = corner("zmin", "xmin"), corner("xmin", "zmin")
+    largest = 30e6 * 4e-4
+    for side in ("xmin", "zmin"):
+        assert before[side] == pytest.approx(after[side], abs=1e-9 * largest)
+    assert before["xmin"] == pytest.approx(before["zmin"][::-1], abs=1e-6 * largest)
+    assert before["xmin"] + before["zmin"] == pytest.approx([-largest, 0.0, -largest], abs=1e-6 * largest)
+
+
+def test_shares_of_directions_that_are_not_orthogonal() -> None:
+    """Planes push along their normals; of a direction that n supports hold, each has the n-th part."""
+    n, m = np.array([1.0, 0.0, 0.0]), np.array([np.cos(np.pi / 3), np.sin(np.pi / 3), 0.0])
+    node = np.array([1])
+    first, second = shared_out([(node, n[None]), (node, m[None])], 6)
+    force = np.concatenate([np.zeros(3), 2.0 * n + 3.0 * m])
+    assert first @ force == pytest.approx(2.0 * n, abs=1e-12)
+    assert second @ force == pytest.approx(3.0 * m, abs=1e-12)
+    everything, along = shared_out([(node, np.eye(3)), (node, n[None])], 6)
+    assert along @ force == pytest.approx(0.5 * (force[3:] @ n) * n, abs=1e-12)
+    assert everything @ force + along @ force == pytest.approx(force[3:], abs=1e-12)
