@@ -111,8 +111,10 @@ def test_what_nothing_holds_is_named(damage: Damage, names: list[str], ways: str
     damage(made)
     with pytest.raises(SceneError) as caught:
         latin_fmu.solve(latin_fmu.scene_from_dict(made))
-    assert [p.where for p in caught.value.problems] == [f"substructure.{n}" for n in names]
-    assert all(ways in str(p.value) for p in caught.value.problems)
+    (problem,) = caught.value.problems
+    assert problem.where == (f"substructure.{names[0]}" if len(names) == 1 else "substructure")
+    assert f"{', '.join(names)} can move" in str(problem.value) or len(names) == 1
+    assert ways in str(problem.value)
 
 
 def test_held_by_one_node_less_than_needed_turns():
