@@ -333,10 +333,10 @@ class ReducedPropagatorTable(SceneTable):
 
 
 class ModalPropagatorTable(SceneTable):
-    """Vibration modes of the whole assembly, tied at its joints, and the static relative motions of its contacts: an
-    instant of a bolted assembly takes some milliseconds, whatever its mesh. For steps longer than waves take through an
-    element. What modes above `highest` and waves inside a body do is lost. A scene that asks for more than this march
-    has is marched as `direct`, with a remark that says why."""
+    """Vibration modes of the whole assembly, tied at its joints, and the static relative motions of its contacts: what
+    an instant costs depends on the contacts, not on the mesh. For bolted assemblies in steps longer than waves take
+    through an element. What modes above `highest` and waves inside a body do is lost, and how much that is is not
+    estimated. A scene that asks for more than this march has is marched as by `automatic`, and a remark says why."""
 
     type: Literal["modal"] = "modal"
     highest: Annotated[
