@@ -95,6 +95,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "sequential start": (*BARS, "solver.window=20", "solver.start=sequential"),
     "explicit": ('solver.propagator="explicit"', "time.instants=210", "time.end=4e-4"),
     "reduced": (*BARS, 'solver.propagator={type="reduced", modes=3}'),
+    "modal": (*BARS, 'solver.propagator={type="modal", highest=2e4}', "output.energy=true", "output.fields=true"),
     "conjugate gradients": (*BARS, 'solver.propagator="cg"'),
     "bonded": (*BARS, "interface.meet.behaviour=perfect"),
     "sensor": (*BARS, 'sensor.end={substructure="left", point=[0.0, 0.0, 0.0]}', "output.energy=true"),
