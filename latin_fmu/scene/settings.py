@@ -509,7 +509,7 @@ class Solver(SceneTable):
     precision: Annotated[
         Literal["float64", "float32"],
         about(
-            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6; "
+            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-5; "
             "forces and momentum then balance to 1e-6"
         ),
     ] = "float64"

@@ -38,7 +38,7 @@ Results = dict[str, Array]
 Random = np.random.Generator
 LIMIT: Final = 1e-5
 """Of the largest of the quantity: two descriptions of one discrete problem, solved to 1e-9."""
-SINGLE: Final = 1e-6
+SINGLE: Final = 1e-5
 """What docs/scene_time.md says of factors in single precision; a run tells no error of its own for them."""
 RESIDUALS: Final = ("energy.balance", "energy.drift_work")
 """Zero but for round-off and for what the solver leaves: they count beside the largest energy."""
