@@ -317,6 +317,10 @@ def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[str]]:
     reasons = {
         "without inertia there are no modes": scene.time.quasi_static,
         f"time.scheme {scene.time.scheme.type} is one of bodies": scene.time.scheme.type in _OF_BODIES,
+        "dashpots of an absorbing face are not followed by modes": any(
+            b.type == "absorbing" for b in scene.boundary.values()
+        )
+        or any(port.causality == "wave" for port in scene.port.values()),
         "windows of several instants are marched body by body": scene.solver.window != 1,
         "laws of the caller, derivatives, observers and several processes take the bodies one by one": restricted,
     }

@@ -23,7 +23,6 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..fem.elasticity import von_mises
 from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, WORK_OF_LOADS
 from ..latin.assembly import Array, Index
 from ..latin.outcome import SubstructureHistory
@@ -234,7 +233,7 @@ class RecoveredRecorder(Recorder):
                 first_gap = inner.gaps[h][:1, inner_group.members[j]]
                 gap = np.cumsum(np.concatenate([first_gap, opening]), axis=0)
                 rows.gaps[g][:n, group.members[i]] = gap
-        self._linear_joints(flat_f, flat_w)
+        self._layers(flat_f)
         forces = tied.trace.T @ (layout.area[:, None] * flat_f.T)
         for i, traction in self._motions.bond_tractions(np.asarray(forces)).items():
             shape = -1, *layout.channels(i, 0).shape
@@ -256,22 +255,18 @@ class RecoveredRecorder(Recorder):
             frames = assembly.interfaces[i].geometry.frames[:, : assembly.interfaces[i].behaviour.n_component]
             flat[:, assembly.layout.channels(i, 1)] = np.einsum("pci,ti->tpc", frames, velocity[: len(flat)])
 
-    def _linear_joints(self, flat_f: Array, flat_w: Array) -> None:
-        """Tractions of springs and dashpots between sides."""
+    def _layers(self, flat_f: Array) -> None:
+        """Tractions of springs between sides."""
         march, n = self._march, len(flat_f)
         layout, tied = march.bodies.layout, march.reduced.tied
         for i in tied.joints.linear:
-            group, unit = layout.group(i), march.bodies.interfaces[i]
-            channels = layout.channels(i, 0)
+            group, channels = layout.group(i), layout.channels(i, 0)
             # of E' over E, as laws take it
             jump = -self._motions.of(jump_rows(layout, tied.trace, i), 0).reshape(n, *channels.shape)
-            jump[..., 0] += unit.geometry.gap
-            sliding = flat_w[:, layout.channels(i, 1)] - flat_w[:, channels]
             parameters, held = group.parameters[group.members[i]], np.zeros((len(channels), 2))
-            law = unit.behaviour
+            law = march.bodies.interfaces[i].behaviour
             for t in range(n):
-                moved = np.zeros_like(jump[t]) if law.elastic else sliding[t]
-                traction = law.local(moved, held, jump[t], 1.0, parameters)
+                traction = law.local(np.zeros_like(jump[t]), held, jump[t], 1.0, parameters)
                 flat_f[t, channels], flat_f[t, layout.channels(i, 1)] = traction, -traction
 
     def _slide(self) -> None:
@@ -322,27 +317,16 @@ class RecoveredRecorder(Recorder):
             return
         instants = np.arange(0, self.n_kept, self.request.every)
         self._stored.times += self._march.bodies.time[instants].tolist()
-        for name, fields in self._stored.fields.items():
-            u = self._nodes(name, 0, instants)
-            recover = self._info[name].stress
-            if self.request.fields:
-                fields["displacement"], fields["velocity"] = list(u), list(self._nodes(name, 1, instants))
-            if self.request.stress and recover is not None:
-                fields["stress"] = [recover(one) for one in u]
+        for name in self._stored.fields:
+            self._stored.add(name, self._nodes(name, 0, instants), self._nodes(name, 1, instants))
 
     def _keep_stresses(self) -> None:
         """Largest stresses of bodies with a yield stress."""
         instants = np.arange(0, self.n_kept, self.stresses.every)
-        for name, table in self.stresses.tables.items():
-            info = self._info[name]
-            if info.stress is None or info.yield_stress is None:
-                continue
-            stress = np.stack([info.stress(u) for u in self._nodes(name, 0, instants)])
-            if info.unstrained is not None:
-                stress = stress + info.unstrained(self._march.bodies.time[instants])
-            size = von_mises(stress)
-            above = (size > info.yield_stress).sum(axis=1)
-            table[instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
+        times = self._march.bodies.time[instants]
+        for name in self.stresses.tables:
+            if self._info[name].stress is not None:
+                self.stresses.look_at(name, self._nodes(name, 0, instants), instants, times)
 
     # -- energies --------------------------------------------------------------------------------------------------
     def _whole_energy(self, kept: Recorder) -> Array:
@@ -364,6 +348,7 @@ class RecoveredRecorder(Recorder):
         terms[:, KINETIC] += kinetic
         terms[:, ELASTIC] += elastic
         terms[:, WORK_OF_LOADS] += kinetic - kinetic[0] + elastic - elastic[0]
+        # that of the springs between sides belongs to the interfaces
         layers = self._layer_energy()
         terms[:, ELASTIC] -= layers
         terms[:, INTERFACE_WORK] -= layers - layers[0]

@@ -2,7 +2,7 @@
 
 A perfect interface keeps the sides together; one that may open moves its sides by r = T_E u_E - T_E' u_E' relative to
 each other (displacement of E over that of E', local frames). Both are rows J u = W r of the reduced dofs x of all
-bodies, each of which determines one dof by the others. Springs and dashpots between sides are part of the matrices. So
+bodies, each of which determines one dof by the others. Springs between sides are part of the stiffness. So
 
     u = E (Q q + R r) + D d,        J E Q = 0,   J E R = W,   J D = 0
 
@@ -41,8 +41,8 @@ class TieError(ValueError):
 
 
 class Joints(NamedTuple):
-    """Interfaces by what they are in a tied assembly: numbers of those that join their sides, of springs and dashpots
-    between them, and of those with relative motions."""
+    """Interfaces by what they are in a tied assembly: numbers of those that join their sides, of springs between
+    them, and of those with relative motions."""
 
     bonded: tuple[int, ...]
     linear: tuple[int, ...]
@@ -54,12 +54,16 @@ class Joints(NamedTuple):
 
         Raises
         ------
-        TieError : springs that relax.
+        TieError : springs that relax, or are stressed by a gap or a preload; dashpots.
         """
         bonded, linear, relative = list[int](), list[int](), list[int]()
         for i, unit in enumerate(units):
             if isinstance(unit.behaviour, MaxwellJoint):
                 raise TieError(f"interface {unit.name} has springs that relax")
+            if unit.behaviour.compliant and not unit.behaviour.elastic:
+                raise TieError(f"interface {unit.name} has dashpots between its sides, which modes do not follow")
+            if unit.behaviour.elastic and not unit.behaviour.opens and (unit.preload or unit.geometry.gap.any()):
+                raise TieError(f"interface {unit.name} is a layer with a gap or a preload, which stresses it")
             kind = bonded if bonds(unit.behaviour) else relative if unit.behaviour.opens else linear
             kind.append(i)
         return Joints(tuple(bonded), tuple(linear), tuple(relative))
@@ -234,7 +238,7 @@ class TiedAssembly:
     ----------
     models : of the bodies. where : slices of their full dofs. joints : the interfaces. trace : (n_flat, n_full) from
     the full dofs of all bodies to the channels. expansion : [E Q, E R] (n_full, n). n_free : number of q. driven : D
-    (n_full, n_motion). full : stiffness, mass and damping (n_full, n_full) with the springs and dashpots of interfaces.
+    (n_full, n_motion). full : stiffness, mass and damping (n_full, n_full) with the springs of interfaces.
     stiffness, mass, damping : (n, n) on [q, r], N m-1, kg, N s m-1. channels : (n_r,) channel of side E of each r.
     exists : (n_channel,) whether the r of each channel exists. free : (n_free,) numbers of q among the reduced dofs of
     all bodies. rank : (n,) elimination order of [q, r], nested
@@ -276,11 +280,11 @@ class TiedAssembly:
         made = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
         there = np.flatnonzero(made.exists)
         both = sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]]))
-        springs, dashpots = _joint_matrices(units, layout, trace, joints)
+        springs = _springs(units, layout, trace, joints)
         full = (
             sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr") + springs),
             sp.csr_array(sp.block_diag([m.inertia for m in models], format="csr")),
-            sp.csr_array(sp.block_diag([_viscosity(m) for m in models], format="csr") + dashpots),
+            sp.csr_array(sp.block_diag([_viscosity(m) for m in models], format="csr")),
         )
         stiffness, mass, damping = (_product(both, matrix) for matrix in full)
         shapes = driven + expansion @ made.driven
@@ -350,23 +354,17 @@ def jump_rows(layout: Layout, trace: sp.csr_array, i: int) -> sp.csr_array:
     return sp.csr_array(trace[first] - trace[second])
 
 
-def _joint_matrices(
-    units: Sequence[InterfaceUnit], layout: Layout, trace: sp.csr_array, joints: Joints
-) -> tuple[sp.csr_array, sp.csr_array]:
-    """Springs and dashpots (n_full, n_full) of the interfaces that have them."""
+def _springs(units: Sequence[InterfaceUnit], layout: Layout, trace: sp.csr_array, joints: Joints) -> sp.csr_array:
+    """Springs (n_full, n_full) of the interfaces that have them."""
     n = trace.shape[1]
-    springs, dashpots = sp.csr_array((n, n)), sp.csr_array((n, n))
+    springs = sp.csr_array((n, n))
     for i in joints.linear:
         unit, rows = units[i], jump_rows(layout, trace, i)
         size = rows.shape[0] // unit.geometry.n_point
         per_area = unit.behaviour.point_parameters(unit.geometry.n_point)[:, [0, *[1] * (size - 1)]]
         weights = (unit.geometry.areas[:, None] * per_area).ravel()
-        made = sp.csr_array(rows.T @ sp.diags_array(weights) @ rows)
-        if unit.behaviour.elastic:
-            springs = sp.csr_array(springs + made)
-        else:
-            dashpots = sp.csr_array(dashpots + made)
-    return springs, dashpots
+        springs = sp.csr_array(springs + rows.T @ sp.diags_array(weights) @ rows)
+    return springs
 
 
 def _global(unit: InterfaceUnit, n_component: int) -> sp.csr_array:

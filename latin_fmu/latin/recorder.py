@@ -6,7 +6,7 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO, Final, NamedTuple
 
@@ -16,7 +16,7 @@ from ..fem.elasticity import von_mises
 from ..kernels.energy_parts import TERMS
 from ..propagator.base import full_displacement, full_velocity
 from ..propagator.image import Image
-from .assembly import Array, Assembly
+from .assembly import Array, Assembly, Index
 from .interface_rows import InterfaceRows, InterfaceStream, joined_rows
 from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 from .part import Part
@@ -71,13 +71,17 @@ class StoredFields:
                     motion: list[Any] = [[full_displacement(propagator, member)], [full_velocity(propagator, member)]]
                 else:
                     motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
-                recover, made = self._info[name].stress, dict[str, Any]()
-                if self._request.fields:
-                    made = {"displacement": motion[0], "velocity": motion[1]}
-                if self._request.stress and recover is not None:
-                    made["stress"] = map(recover, motion[0])
-                for key, values in made.items():
-                    self.fields[name].setdefault(key, []).extend(values)
+                self.add(name, motion[0], motion[1])
+
+    def add(self, name: str, displacement: Iterable[Array], velocity: Iterable[Array]) -> None:
+        """Keep what is requested of the motion of a body at further instants, (n_node, 3) each."""
+        recover, made = self._info[name].stress, dict[str, Any]()
+        if self._request.fields:
+            made = {"displacement": displacement, "velocity": velocity}
+        if self._request.stress and recover is not None:
+            made["stress"] = map(recover, displacement)
+        for key, values in made.items():
+            self.fields[name].setdefault(key, []).extend(values)
 
     def part(self, first: int) -> dict[str, Any]:
         """Those from the stored instant ``first`` on, as plain arrays."""
@@ -165,12 +169,19 @@ class LargestStresses:
                 moved: Any = [full_displacement(assembly.propagators[c], member)]
             else:
                 moved = whole.fields(image, c, member, 0, rows, instants)
-            stress = np.stack([info.stress(u) for u in moved])
-            if info.unstrained is not None:
-                stress = stress + info.unstrained(assembly.time[instants])
-            size = von_mises(stress)
-            above = (size > info.yield_stress).sum(axis=1)
-            self.tables[name][instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
+            self.look_at(name, moved, instants, assembly.time[instants])
+
+    def look_at(self, name: str, moved: Iterable[Array], instants: Sequence[int] | Index, times: Array) -> None:
+        """Look at a body with displacements (n_node, 3) at instants, of these times, s."""
+        info = self._info[name]
+        assert info.stress is not None
+        assert info.yield_stress is not None
+        stress = np.stack([info.stress(u) for u in moved])
+        if info.unstrained is not None:
+            stress = stress + info.unstrained(times)
+        size = von_mises(stress)
+        above = (size > info.yield_stress).sum(axis=1)
+        self.tables[name][instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
 
     def of(self, time: Array) -> dict[str, LargestStress]:
         """The largest ones of the run by body; ``time`` (n_time,) of its instants, s."""

@@ -26,6 +26,12 @@ HIGHEST = 150e3
 TIP = {"face": "up.xmax", "force": [0.0, 0.0, 200.0], "law": {"type": "half_sine", "duration": 0.4e-3}}
 PRESS = {"face": "up.zmax", "pressure": PRESSURE, "law": {"type": "constant"}}
 CLAMP = {"type": "fixed", "face": "low.xmin", "components": ["x", "y", "z"]}
+DASHPOTS = {
+    "sides": ["low.zmax", "up.zmin"],
+    "behaviour": "viscous_joint",
+    "normal_viscosity": 3e7,
+    "tangential_viscosity": 3e7,
+}
 CORD = {"direction": [0.0, 0.0, 1.0], "stiffness": 1e7, "lateral_stiffness": 1e7}
 FREE = {"boundary": {}, "load": {"press": PRESS, "hold": PRESS | {"face": "low.zmin"}, "tip": TIP}}
 SHAKE = {"type": "acceleration", "face": "low.xmin", "components": ["x", "y", "z"], "value": [0.0, 0.0, 3000.0]}
@@ -178,12 +184,14 @@ def test_bonds_are_recovered() -> None:
     [
         ("solver", {"window": 10}, "windows of several instants"),
         ("time", {"scheme": "generalized_alpha"}, "generalized_alpha"),
+        ("interface", {"lap": DASHPOTS}, "dashpots between its sides"),
+        ("boundary", {"far": {"type": "absorbing", "face": "up.xmin"}}, "absorbing face"),
     ],
 )
 def test_a_scene_that_asks_for_more_is_marched_body_by_body(table: str, change: dict[str, Any], reason: str) -> None:
     """With a remark that says why, to the same bits as without the request."""
     scene = modal(lap())
-    scene["time"]["end"] = 2e-5
+    scene["time"] |= {"end": 2e-5, "start": "given"}
     scene[table] |= change
     found = solve(scene)
     assert any("marched body by body" in warning and reason in warning for warning in found.warnings)
