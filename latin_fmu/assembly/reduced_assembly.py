@@ -240,15 +240,11 @@ class ReducedAssembly:
         """G as it is marched, (m, n_r)."""
         return self.marched.g[:, None] * self.gamma
 
-    def stiffness(self) -> Array:
-        """Stiffness (n_mode + n_r, n_mode + n_r) of the modes and of r."""
-        first, m, n = self.rigid.shape[1], self.n_mode, self.n_mode + self.tied.n_relative
-        k, gamma = np.zeros((n, n)), self.marched_gamma
-        weighted = self.marched.values[:, None] * gamma
-        k[np.arange(first, m), np.arange(first, m)] = self.marched.values
-        k[first:m, m:], k[m:, first:m] = -weighted, -weighted.T
-        k[m:, m:] = self.relative + gamma.T @ weighted
-        return k
+    def elastic_rows(self) -> Array:
+        """Rows E (m, n_mode + n_r) of the stiffness E^T E of the modes, lambda on zeta - G r."""
+        first = self.rigid.shape[1]
+        rows = np.hstack([np.zeros((len(self.values), first)), np.eye(len(self.values)), -self.marched_gamma])
+        return np.asarray(np.sqrt(self.marched.values)[:, None] * rows)
 
     def strain_rows(self) -> Array | None:
         """Rows A (k, n_mode + n_r) of the damping A^T A by strains, which acts on zeta' - G r' alone: modes that follow

@@ -24,7 +24,8 @@ from ..latin.settings import SolverSettings
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.base import Propagator
 from ..propagator.direct import DirectPropagator
-from ..propagator.model import Operators, closest_reduced
+from ..propagator.model import FaceStiffness, Operators, closest_reduced
+from ..propagator.patches import OF_RESPONSE, partition
 from ..scene.schema import Scene
 from ..scene.settings import ModalPropagatorTable
 from ..time_scheme import MasslessContact
@@ -219,7 +220,10 @@ def reduced_march(
     against_ground = [_against_ground(units[i]) for i in relative]
     layout = Layout(against_ground)
     channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
-    model = _model(reduced, _start(tied, reduced, drives), layout, channels)
+    places = [np.zeros((0, 3))]
+    for j, unit in enumerate(against_ground):
+        places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
+    model = _model(reduced, _start(tied, reduced, drives), layout, channels, np.concatenate(places))
     propagator = DirectPropagator([model], MasslessContact(), dt, True)
     propagator.loads_only = not scene.output.energy
     assembly = Assembly(
@@ -287,21 +291,25 @@ def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) ->
     return made[0], made[1]
 
 
-def _model(reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index) -> SubstructureModel:
-    """The reduced assembly as one substructure."""
+def _model(
+    reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index, places: Array
+) -> SubstructureModel:
+    """The reduced assembly as one substructure; ``places`` : (n_channel, 3) of its points, m."""
     m, n = reduced.n_mode, reduced.n_mode + reduced.tied.n_relative
-    mass, damping = np.zeros(n), np.zeros((n, n))
+    exists = np.flatnonzero(reduced.tied.exists)
+    mass = np.zeros(n)
     mass[:m] = 1.0
-    damping[:m, :m] = reduced.drag
-    damping[m:, m:] = reduced.relative_viscosity * reduced.relative
-    entries = np.ones(n - m), (np.flatnonzero(reduced.tied.exists), np.arange(m, n))
+    drag = np.zeros((n, n))
+    drag[:m, :m] = reduced.drag
+    stiffness = reduced.relative
+    patches = partition(places[exists], stiffness, OF_RESPONSE)
     return SubstructureModel(
         name=NAME,
         mass=sp.csr_array(sp.diags_array(mass)),
-        damping=sp.csr_array(damping) if np.abs(damping).max() > 0.0 else None,
-        stiffness=sp.csr_array(reduced.stiffness()),
+        damping=sp.csr_array(drag),
+        stiffness=sp.csr_array((n, n)),
         expansion=sp.csr_array(sp.eye_array(n)),
-        trace=sp.csr_array(sp.coo_array(entries, shape=(len(channels), n))),
+        trace=sp.csr_array(sp.coo_array((np.ones(n - m), (exists, np.arange(m, n))), shape=(len(channels), n))),
         channel_area=layout.area[channels],
         loads=[LoadTerm(f"drive {k}", column) for k, column in enumerate(reduced.drives.T)],
         displacement=start[0],
@@ -309,4 +317,5 @@ def _model(reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout,
         imposed_pattern=np.zeros((n, 0)),
         imposed_start=np.zeros(0),
         viscous_rows=reduced.strain_rows(),
+        face=FaceStiffness(stiffness, reduced.relative_viscosity, reduced.elastic_rows(), patches),
     )

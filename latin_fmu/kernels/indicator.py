@@ -37,9 +37,10 @@ from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
 from .energy_parts import LARGEST, N_WORK, NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from .half_solves import forward_on_face, gain_of
+from .patched import patched_norms
 from .products import symmetric_size, two_norms
 from .sparse_response import add_table_norms
-from .splits import dense
+from .splits import dense, tile_of
 from .sums import MEASURES, add_parts
 
 Array = NDArray[np.float64]
@@ -161,7 +162,9 @@ def class_norms(pools: Any, c: int, window: int) -> None:
             continue
         for part in range(parts):
             n = row.n_normal if part == 0 else row.n_live - row.n_normal
-            if n > 0:
+            if n > 0 and row.patched == 1:
+                _add_patched_norms(pools, c, i, start, n, 2 * part)
+            elif n > 0:
                 _add_norms(pools, c, i, start, n, row.compliance + at, 2 * part)
             start += n
             at += symmetric_size(n, row.plain_response, row.m)
@@ -344,6 +347,25 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
     work[row.class_norms + 4 * i + into] += force
     work[row.class_norms + 4 * i + into + 1] += half
     work[row.cross + i] += cross
+
+
+@kernel
+def _add_patched_norms(pools: Any, c: int, i: int, start: int, n: int, into: int) -> None:
+    """``_add_norms`` of a class in patches, C being the gain of the scheme times S^-1."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    measured = pools.fixed_int[row.measured + start : row.measured + start + n]
+    place = pools.fixed_int[row.measured_place + start : row.measured_place + start + n]
+    x, gain = work[row.vectors : row.vectors + 2 * row.n_live], gain_of(row, run)
+    x[:] = 0.0
+    for e in range(n):
+        at = pools.fixed_int[row.channels + measured[e]]
+        x[place[e]] = pools.fixed[run.area + at] * work[run.local_f + i * run.n_flat + at]
+        x[row.n_live + place[e]] = 0.5 * pools.fixed[run.area + at] * work[run.r + i * run.n_flat + at]
+    header, numbers = pools.fixed_int[row.inverse_header :], pools.fixed_single[row.schur_inverse :]
+    force, half, cross = patched_norms(header, numbers, x, tile_of(row, work))
+    work[row.class_norms + 4 * i + into] += gain * force
+    work[row.class_norms + 4 * i + into + 1] += gain * half
+    work[row.cross + i] += gain * cross
 
 
 @kernel

@@ -35,6 +35,7 @@ from ..cholesky.substitution import (
     forward_tile,
 )
 from ..compiled import kernel
+from .patched import patched_product
 from .products import dense_tile, gather, half_product, packed_product, product, sparse_rows
 from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
@@ -296,12 +297,12 @@ def tile_of(row: Any, work: Array) -> Array:
 
 
 @kernel
-def add_modal(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor R^T R x of modal damping."""
+def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Array, out: Array) -> None:
+    """out += factor R^T R x for ``count`` rows R from the place ``rows`` on: modal damping, stiffness of modes."""
     row = pools.classes[c]
     n, m = row.n, row.m
-    for p in range(row.n_modal):
-        own = pools.fixed[row.modal_rows + p * n : row.modal_rows + (p + 1) * n]
+    for p in range(count):
+        own = pools.fixed[rows + p * n : rows + (p + 1) * n]
         for j in range(m):
             rate = 0.0
             for i in range(n):
@@ -312,11 +313,30 @@ def add_modal(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
 
 
 @kernel
+def add_face(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
+    """out += factor S x for the stiffness S of the interface dofs of a class of one member, which is in patches."""
+    row = pools.classes[c]
+    dofs, n = pools.fixed_int[row.dofs : row.dofs + row.n_inner], row.n_inner
+    scratch = tile_of(row, pools.moving)
+    moved, force = scratch[4 * n : 5 * n], scratch[5 * n : 6 * n]
+    for i in range(n):
+        moved[i] = x[dofs[i]]
+    patched_product(pools.fixed_int[row.face_header :], pools.fixed[row.face_numbers :], moved, force, scratch)
+    for i in range(n):
+        out[dofs[i]] += factor * force[i]
+
+
+@kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
     """out += factor A x for A = M, K, C or a part of C (``MASS`` ...); nothing where the class has none."""
     row, work = pools.classes[c], pools.moving
-    if which == DAMPING and row.n_modal > 0:
-        add_modal(pools, c, factor, x, out)
+    if which == DAMPING:
+        add_squares(pools, c, row.viscous_rows, row.n_viscous, factor, x, out)
+        if row.on_face == 1 and pools.fixed[row.face_viscosity] > 0.0:
+            add_face(pools, c, factor * pools.fixed[row.face_viscosity], x, out)
+    elif which == STIFFNESS and row.on_face == 1:
+        add_squares(pools, c, row.elastic_rows, row.n_elastic, factor, x, out)
+        add_face(pools, c, factor, x, out)
     n, starts_at, columns_at, values_at, diagonal_at, together_at, parts_at = _matrix(row, which)
     if n == 0:
         return

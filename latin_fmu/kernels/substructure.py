@@ -38,9 +38,10 @@ from .callouts import BACKWARD, FORWARD, call_out
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
 from .maxwell import add_strains, leave_instant, reach_instant
+from .patched import patched_product
 from .products import packed_product, symmetric_size, tile_width
 from .records import STATIC
-from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute
+from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute, tile_of
 
 Array = NDArray[np.float64]
 
@@ -174,9 +175,21 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
             w_free[i] += damped[i]
         return
     if row.swept == 0:
-        inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
-        dense(pools, c, n_inner, inverse, row.plain_inverse, m, inner, free_a)
+        on_inverse(pools, c, inner, free_a)
     channel_velocity(pools, c, instant)
+
+
+@kernel
+def on_inverse(pools: Any, c: int, forces: Array, out: Array) -> None:
+    """out (g, m) = S^-1 forces: accelerations of the interface dofs of a class whose interface dofs are last."""
+    row = pools.classes[c]
+    m, n_inner, at = row.m, row.n_inner, row.schur_inverse
+    if row.patched == 1:
+        header = pools.fixed_int[row.inverse_header :]
+        patched_product(header, pools.fixed_single[at:], forces, out, tile_of(row, pools.moving))
+        return
+    inverse = pools.fixed[at : at + symmetric_size(n_inner, row.plain_inverse, m)]
+    dense(pools, c, n_inner, inverse, row.plain_inverse, m, forces, out)
 
 
 @kernel
@@ -297,7 +310,13 @@ def add_condensed(pools: Any, c: int, incoming: Array, w: Array) -> None:
     for i in range(n_live):  # in ascending order
         for j in range(m):
             incoming[i * m + j] = incoming[live[i] * m + j]
-    if row.halved == 1:  # of one member
+    if row.patched == 1:
+        header, scratch = pools.fixed_int[row.response_header :], tile_of(row, work)
+        if row.halved == 1:
+            patched_product(header, pools.fixed_single[row.response :], incoming[:n_live], answer, scratch)
+        else:
+            patched_product(header, pools.fixed[row.response :], incoming[:n_live], answer, scratch)
+    elif row.halved == 1:  # of one member
         half = pools.fixed_single[row.response : row.response + symmetric_size(n_live, plain, m)]
         packed_product(n_live, half, incoming[:n_live], answer)
     else:
@@ -430,8 +449,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
     if row.swept == 1:
         add_on_face(pools, c, inner)
         return True
-    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
-    dense(pools, c, n_inner, inverse, row.plain_inverse, m, inner, last)
+    on_inverse(pools, c, inner, last)
     for i in range(n_inner * m):
         last[i] += free_a[i]
     return True

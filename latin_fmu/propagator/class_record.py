@@ -19,7 +19,8 @@ from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
-from .model import Array, Index
+from .model import Array, FaceStiffness, Index
+from .patches import EXACT, OF_INVERSE, OF_RESPONSE, Patches, in_patches
 
 Row = dict[str, int]
 Halves = dict[int, tuple[int, int, int, int]]
@@ -236,8 +237,11 @@ def constants(
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
-    if row["n_modal"]:
-        row["modal_rows"] = block.put(ops.modal)
+    face = propagator.members[0].face
+    if row["n_modal"] or (face is not None and ops.modal is not None):
+        row["n_viscous"], row["viscous_rows"] = len(ops.modal), block.put(ops.modal)
+    if face is not None:
+        _put_face(block, row, face)
     row["branches"] = block.put(propagator.branches.weights(propagator.scheme, propagator.dt))
     put_matrix(block, row, "probe", probe)
     put_matrix(block, row, "sensor", sensor)
@@ -252,6 +256,14 @@ def constants(
     return row
 
 
+def _put_face(block: BlockLayout, row: Row, face: FaceStiffness) -> None:
+    """The stiffness of the interface dofs of a class beside K."""
+    row["n_elastic"], row["elastic_rows"] = len(face.rows), block.put(face.rows)
+    patches = in_patches(face.matrix, face.patches, EXACT, np.float64)
+    row |= {"on_face": 1, "face_viscosity": block.put(np.array([face.viscosity]))}
+    row["face_header"], row["face_numbers"] = block.put(patches.header, np.int64), block.put(patches.numbers)
+
+
 def _swept_interface(block: BlockLayout, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:
     """Places of the interface dofs in the factor, and traces, of a class that is solved with by substitution."""
     ops, shape = propagator.operators, propagator.operators.factor.symbolic
@@ -264,6 +276,9 @@ def _swept_interface(block: BlockLayout, row: Row, propagator: Any, is_normal: N
 def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index, is_normal: NDArray[np.bool_]) -> None:
     """Dense matrices of the interfaces of a class, and traces."""
     ops, m = propagator.operators, row["m"]
+    if row.get("on_face"):
+        _patched_interface(block, row, ops, live, is_normal)
+        return
     if row["kind"] != STATIC:
         factor = ops.factor
         inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse
@@ -286,6 +301,18 @@ def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index,
         row["normal_table"] = block.put(ops.trace[blocks[0]])
     else:
         _put_traces(block, row, ops)
+
+
+def _patched_interface(block: BlockLayout, row: Row, ops: Any, live: Index, is_normal: NDArray[np.bool_]) -> None:
+    """S^-1, of which C is a multiple, in patches, and traces."""
+    patches = in_patches(ops.factor.schur_inverse, ops.face.patches, OF_INVERSE, np.float32)
+    row |= {"patched": 1, "halved_norms": 1}
+    row["inverse_header"] = block.put(patches.header, np.int64)
+    row["schur_inverse"] = block.put(patches.numbers, np.float32)
+    normal_first = np.argsort(~is_normal[live], kind="stable")
+    row["n_normal"] = int(is_normal[live].sum())
+    row["measured"], row["measured_place"] = (block.put(x, np.int64) for x in (live[normal_first], normal_first))
+    _put_traces(block, row, ops)
 
 
 def _put_traces(block: BlockLayout, row: Row, ops: Any) -> None:
@@ -352,7 +379,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
     landing = model.landing
     if landing is not None:
         reduced, damped = model.reduced_landing
-        row["damped"] = int(damped or row["n_modal"] > 0)
+        row["damped"] = int(damped or row.get("n_viscous", 0) > 0)
         put_symmetric(block, row, "landing", reduced, {})
     if not row["n_motion"]:
         return
@@ -394,6 +421,12 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
         return row
+    if constant.get("patched"):
+        patches = in_response_patches(propagator, live)
+        row["halved"] = int(propagator.single)
+        row["response_header"] = block.put(patches.header, np.int64)
+        row["response"] = block.put(patches.numbers, patches.numbers.dtype.type)
+        return row
     single = propagator.single and _halves(len(live), constant)
     row["halved"] = int(single)
     row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]), single)
@@ -404,6 +437,13 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         every = np.arange(constant["n_inner"])
         row["spring_inverse"] = put_dense(block, propagator.spring_inverse, [every], m, False)
     return row
+
+
+def in_response_patches(propagator: Any, live: Index) -> Patches:
+    """Y of a class in patches."""
+    tolerance, kind = (OF_RESPONSE, np.float32) if propagator.single else (EXACT, np.float64)
+    response = propagator.condensed[np.ix_(live, live)]
+    return in_patches(response, propagator.operators.face.patches, tolerance, kind)
 
 
 def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:

@@ -29,7 +29,7 @@ from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .interface_matrices import projected, with_dashpots
 from .interface_sweeps import DashpotPattern, InterfaceCompliance
-from .model import Array, Index, Operators, SubstructureModel, operator_weights
+from .model import Array, FaceStiffness, Index, Operators, SubstructureModel, operator_weights
 
 TOLERANCE = 1e-11
 _BLOCK = 32  # columns solved together
@@ -149,12 +149,13 @@ class ImplicitOperators(Operators):
     """Operators of one class at one time step; ``factor`` : of A.
 
     gain : velocities of the interface dofs per S^-1 times force, of the time scheme. modal : R (k, n) of modal damping
-        R^T R, beside ``damping``. with_dashpots : of a swept class
-    its factor for dashpots (n_channel,), N s m-1, in the numbers of a type.
+        R^T R, beside ``damping``. face : stiffness and damping of the interface dofs beside the matrices.
+    with_dashpots : of a swept class its factor for dashpots (n_channel,), N s m-1, in the numbers of a type.
     """
 
     gain: float
     modal: Array | None = None
+    face: FaceStiffness | None = None
     with_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
 
 
@@ -171,7 +172,10 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     gain = scheme.interface_gain(dt) * scheme.traction_weight
     on_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
     factor: Any
-    if model.swept:
+    if model.face is not None:
+        factor = _with_face(model, model.face, (c_mass, c_damping, c_stiffness), modal)
+        compliance = projected(trace, gain, factor.schur_inverse)
+    elif model.swept:
         pattern = DashpotPattern(model)
         # with zeros where the dashpots come: one analysis serves both factors
         factor = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
@@ -194,7 +198,28 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         # kernels take products with the damping where it has rows
         damping = sp.csr_array(mass.shape)
     same = (mass, damping, stiffness, factor, dofs, trace, model.spread, area, compliance, massless)
-    return ImplicitOperators(*same, gain, modal, on_dashpots)
+    return ImplicitOperators(*same, gain, modal, model.face, on_dashpots)
+
+
+def _with_face(
+    model: SubstructureModel, face: FaceStiffness, weights: tuple[float, float, float], modal: Array | None
+) -> CholeskyFactor:
+    """Factor of the operator of a model with a stiffness of its interface dofs beside its matrices."""
+    (mass, damping, stiffness), dofs = model.reduced, model.at_interface[0]
+    c_mass, c_damping, c_stiffness = weights
+    matrix = c_mass * mass + c_stiffness * stiffness
+    if damping is not None:
+        matrix = matrix + c_damping * damping
+    squares = np.sqrt(c_stiffness) * face.rows
+    if modal is not None:
+        squares = np.vstack([squares, np.sqrt(c_damping) * modal])
+    # rows of the inside alone: what is left among interface dofs goes to the Schur complement
+    rows = squares.copy()
+    rows[:, dofs] = 0.0
+    coupling = rows.T @ squares
+    coupling[dofs] = coupling[:, dofs].T
+    among = (c_stiffness + c_damping * face.viscosity) * face.matrix + squares[:, dofs].T @ squares[:, dofs]
+    return CholeskyFactor(sp.csr_array(matrix + coupling), dofs, on_last=among)
 
 
 _HEAVY = 1e30
@@ -234,6 +259,9 @@ class DirectPropagator(Propagator):
             viscous = ops.damping @ state.v
         if ops.modal is not None and state.v.any():
             viscous = viscous + ops.modal.T @ (ops.modal @ state.v)
+        if ops.face is not None:
+            elastic = elastic + ops.face.stiffness(state.u, ops.dofs)
+            viscous = viscous + ops.face.damping(state.v, ops.dofs)
         return elastic, viscous
 
     def mass_factor(self) -> MassFactor:

@@ -194,6 +194,37 @@ class Histories:
 
 
 @dataclass(frozen=True)
+class FaceStiffness:
+    """Stiffness of a model beside its sparse matrix: dense among interface dofs, and of squares of modes.
+
+    K has S on the interface dofs and E^T E more, C has b S more. Each of these dofs is a channel of its own, and there
+    is one substructure like it.
+
+    Attributes
+    ----------
+    matrix : S (g, g), N m-1, in the order of the interface dofs. viscosity : b, s. rows : E (k, n), N0.5 m-0.5.
+    patches : rows of S, patch by patch (``patches``).
+    """
+
+    matrix: Array
+    viscosity: float
+    rows: Array
+    patches: list[Index]
+
+    def stiffness(self, u: Array, dofs: Index) -> Array:
+        """S u and E^T E u for u (n, m), N."""
+        force: Array = self.rows.T @ (self.rows @ u)
+        force[dofs] += self.matrix @ u[dofs]
+        return force
+
+    def damping(self, v: Array, dofs: Index) -> Array:
+        """b S v for v (n, m), N."""
+        force = np.zeros_like(v)
+        force[dofs] = self.viscosity * (self.matrix @ v[dofs])
+        return force
+
+
+@dataclass(frozen=True)
 class SubstructureModel:
     """Matrices and histories of one substructure.
 
@@ -255,6 +286,9 @@ class SubstructureModel:
 
     viscous_rows: Array | None = field(default=None)
     """Rows A (k, n_full) of a damping A^T A beside ``damping``, N0.5 s0.5 m-0.5; with these there is no ``modal``."""
+
+    face: FaceStiffness | None = field(default=None)
+    """Stiffness and damping beside the matrices, with reduced dofs as full ones; None where there are none."""
 
     store: OperatorStore = NO_STORE
     """Where operators are looked for, and kept."""
