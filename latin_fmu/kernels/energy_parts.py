@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .matrices import LOADS, add_spread, add_sum
 from .records import STATIC
-from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
+from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_face, add_product
 
 Array = NDArray[np.float64]
 
@@ -85,6 +85,10 @@ def whole_product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     size = row.n * row.m
     out[:] = 0.0
     add_product(pools, c, which, 1.0, x[:size], out[:size])
+    if row.on_face == 1 and which == STIFFNESS:
+        add_face(pools, c, 1.0, x[:size], out[:size])
+    elif row.on_face == 1 and which == DAMPING:
+        add_face(pools, c, pools.fixed[row.face_viscosity], x[:size], out[:size])
     add_borders(pools, c, which, x, out)
 
 

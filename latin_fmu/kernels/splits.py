@@ -328,15 +328,13 @@ def add_face(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
 
 @kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...); nothing where the class has none."""
+    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...), without S of a face; nothing where the class has
+    none."""
     row, work = pools.classes[c], pools.moving
     if which == DAMPING:
         add_squares(pools, c, row.viscous_rows, row.n_viscous, factor, x, out)
-        if row.on_face == 1 and pools.fixed[row.face_viscosity] > 0.0:
-            add_face(pools, c, factor * pools.fixed[row.face_viscosity], x, out)
-    elif which == STIFFNESS and row.on_face == 1:
+    elif which == STIFFNESS:
         add_squares(pools, c, row.elastic_rows, row.n_elastic, factor, x, out)
-        add_face(pools, c, factor, x, out)
     n, starts_at, columns_at, values_at, diagonal_at, together_at, parts_at = _matrix(row, which)
     if n == 0:
         return

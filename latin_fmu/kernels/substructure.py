@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .callouts import BACKWARD, FORWARD, call_out
+from .face import count_from_start, keep_face_forces, keep_load, subtract_face
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
 from .maxwell import add_strains, leave_instant, reach_instant
@@ -54,6 +55,7 @@ def predict(pools: Any, c: int, instant: int) -> None:
     """Free response of the new ``instant``; leaves w_free, free_a and the half solution of the load."""
     free_load(pools, c, instant)
     add_reference(pools, c)
+    keep_load(pools, c)
     if pools.moving[pools.classes[c].passed] == 0.0:
         if pools.classes[c].factored == 1:
             forward(pools, c)
@@ -109,6 +111,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
     for i in range(size):
         u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
         v_free[i] = v[i] + v_a * a[i]
+    count_from_start(pools, c)
     residual = state[row.residual : row.residual + size]
     weight, memory, old = run.force_weight, run.memory_weight, run.force_old
     if old != 0.0:
@@ -134,6 +137,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
         else:
             add_product(pools, c, STIFFNESS, -1.0, u_free, load)
         add_product(pools, c, DAMPING, -1.0, v_free, load)
+        subtract_face(pools, c)
         for i in range(size):
             load[i] = weight * load[i] - memory * residual[i]
     add_sum(pools, c, INERTIA, instant, -run.mass_weight, load)
@@ -482,6 +486,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
     for e in range(row.n_massless):
         for j in range(m):
             v[massless[e] * m + j] = u[massless[e] * m + j]
+    keep_face_forces(pools, c)
     # before ``solved`` is used for the velocities of massless dofs
     for i in range(size):
         a[i] = solved[i]

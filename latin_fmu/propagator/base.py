@@ -68,6 +68,7 @@ class ClassState:
         self.number = 0
         self._own: dict[str, Array] = {name: np.zeros(self._shape) for name in _FIELDS}
         self._elongation: Array | None = None  # of Maxwell branches, likewise
+        self._face: Array | None = None  # of a stiffness of the face, likewise
         self._account: Array | None = None  # of energies, where a state was set before there is an image
 
     @property
@@ -115,6 +116,22 @@ class ClassState:
         return self.part("elongation", self.image.row(self.number)["n_branch"] * self._shape[0] * self._shape[1])
 
     @property
+    def face(self) -> Array | None:
+        """Forces of a stiffness of the face (4 g,), as ``kernels.face`` has them, in the image or kept for one; None
+        where there is none."""
+        if self.image is None:
+            return self._face
+        row = self.image.row(self.number)
+        return self.part("face_state", 4 * row["n_inner"]) if row.get("on_face") else None
+
+    def put_on_face(self, forces: Array) -> None:
+        """Set what ``face`` is."""
+        if self.image is None:
+            self._face = forces.reshape(-1).copy()
+        else:
+            self.part("face_state", forces.size)[:] = forces.reshape(-1)
+
+    @property
     def account(self) -> Array | None:
         """The account of energies, in the image or kept for one; None where there is none, or none yet."""
         if not self._energy or self.image is None:
@@ -143,8 +160,11 @@ class ClassState:
         # before ``stand_in``, which lets go of the place where they are
         own, account, elongation = self.fields, self.account, self.elongation
         elongation = None if elongation is None else elongation.copy()
+        face = None if self.face is None else self.face.copy()
         self.stand_in(image, number)
         self.set(*own)
+        if face is not None:
+            self.put_on_face(face)
         there = self.elongation
         if there is not None:
             there[:] = 0.0 if elongation is None else elongation
@@ -165,6 +185,7 @@ class ClassState:
         self._account = None if account is None else account.copy()
         elongation = self.elongation
         self._elongation = None if elongation is None else elongation.copy()
+        self._face = None if self.face is None else self.face.copy()
         self._own, self.image = kept, None
 
 
@@ -289,7 +310,16 @@ class Propagator(ABC):
         self.instant = 0
         if not self.begun:
             self.state.set(*_initial_motion(self))
+            self._start_on_face()
         self.begun = True
+
+    def _start_on_face(self) -> None:
+        """State of the march on a stiffness of the face, from the motion at the start."""
+        face, dofs = self.members[0].face, self.operators.dofs
+        if face is not None:
+            place, speed = self.state.u[dofs, 0], self.state.v[dofs, 0]
+            force = face.matrix @ place
+            self.state.put_on_face(np.stack([place, force, force, face.matrix @ speed]))
 
     @abstractmethod
     def internal_forces(self) -> tuple[Array, Array]:

@@ -241,7 +241,7 @@ def constants(
     if row["n_modal"] or (face is not None and ops.modal is not None):
         row["n_viscous"], row["viscous_rows"] = len(ops.modal), block.put(ops.modal)
     if face is not None:
-        _put_face(block, row, face)
+        _put_face(block, row, face, propagator.energy and not propagator.loads_only)
     row["branches"] = block.put(propagator.branches.weights(propagator.scheme, propagator.dt))
     put_matrix(block, row, "probe", probe)
     put_matrix(block, row, "sensor", sensor)
@@ -256,12 +256,13 @@ def constants(
     return row
 
 
-def _put_face(block: BlockLayout, row: Row, face: FaceStiffness) -> None:
-    """The stiffness of the interface dofs of a class beside K."""
+def _put_face(block: BlockLayout, row: Row, face: FaceStiffness, accounted: bool) -> None:
+    """The stiffness of the interface dofs of a class beside K; S itself where energies are ``accounted`` for."""
     row["n_elastic"], row["elastic_rows"] = len(face.rows), block.put(face.rows)
-    patches = in_patches(face.matrix, face.patches, EXACT, np.float64)
     row |= {"on_face": 1, "face_viscosity": block.put(np.array([face.viscosity]))}
-    row["face_header"], row["face_numbers"] = block.put(patches.header, np.int64), block.put(patches.numbers)
+    if accounted:
+        patches = in_patches(face.matrix, face.patches, EXACT, np.float64)
+        row["face_header"], row["face_numbers"] = block.put(patches.header, np.int64), block.put(patches.numbers)
 
 
 def _swept_interface(block: BlockLayout, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:
