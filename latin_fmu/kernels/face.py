@@ -59,7 +59,7 @@ def keep_load(pools: Any, c: int) -> None:
 
 @kernel
 def keep_face_forces(pools: Any, c: int) -> None:
-    """S r and S r' at the end of an instant, with the solution in ``load`` and the change of the forces of the tractions
+    """S r and S r' at the end of an instant, with the solution in ``load`` and the forces beyond the reference tractions
     in ``inner``; where there is damping, which alone needs them."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     if row.on_face == 0 or pools.fixed[row.face_viscosity] == 0.0:

@@ -85,7 +85,7 @@ def share_of(pools: Any, window: int, iteration: int) -> float:
     """Share of the tolerances that the measures of this iterate have to meet. Where the tractions were extrapolated
     (``prediction``) the iterations that this saved count, at the rate of those made, and the share is AHEAD of that."""
     run, work = pools.run[0], pools.moving
-    if window > 1 or work[run.course + MADE] != 0.0 or not run.tolerance > EXACT:
+    if window > 1 or work[run.course + MADE] != 0.0 or not run.tolerance > EXACT or run.residual_alone == 1:
         return 1.0
     share = AHEAD if run.expects == 1 and iteration > 0 and 0.0 < work[run.misfit] < 1.0 else 1.0
     return float(share * share_to_meet(counted(pools, iteration)))
@@ -172,7 +172,8 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     allowed = share_of(pools, window, iteration)
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
-    if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error
+    # the work of the error
+    if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0) and run.residual_alone == 0:
         share = min(precise(run.tolerance), allowed)
         met = error <= share * run.tolerance and forces <= share * run.force_tolerance
     work[run.course + LAST] = float(iteration)

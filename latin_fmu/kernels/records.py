@@ -155,8 +155,8 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("elongation", "state (n_branch, n, m): elongations of the springs of the branches, m"),
     (
         "face_state",
-        "state (4, g) if on_face: r_0 and S r_0 that the march of the face is counted from, S r, S r' (``face``); m, N, "
-        "N s-1",
+        "state (4, g) if on_face: r_0 and S r_0 that the march of the face is counted from, S r, S r' (``face``); "
+        "m, N, N s-1",
     ),
     ("energy", "place of ``totals``, the first number of the account of energies, n_energy in all"),
     ("n_energy", "their number"),
@@ -299,6 +299,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("longest_window", "instants w that fields of work have room for"),
     ("max_iterations", "iterations per window"),
     ("limit", "the same where a fall-back has others, for the action ITERATE"),
+    ("residual_alone", "1 where residuals alone end an instant (``SolverSettings.residual_alone``)"),
     ("observed", "1 where the caller looks at every iterate (``callouts``)"),
     ("tangential", "1 where there are tangential channels"),
     ("layers", "1 where there are elastic groups"),

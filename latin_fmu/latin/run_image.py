@@ -89,6 +89,7 @@ def make_image(
         "part_order": np.arange(len(assembly.interfaces)),
         "depth": depth,
         "max_iterations": settings.max_iterations,
+        "residual_alone": int(settings.residual_alone),
         "tangential": int(not layout.normal.all()),
         "layers": int(any(g.behaviour.elastic for g in layout.groups)),
         "relaxing": int(any(isinstance(g.behaviour, MaxwellJoint) for g in layout.groups)),

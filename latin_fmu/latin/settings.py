@@ -42,6 +42,8 @@ class SolverSettings:
     threads : of the march.
     skip_unchanged : reuse the previous solve of a substructure whose interface load has not changed.
     newton : end windows of one instant in which the iteration is slow by Newton steps.
+    residual_alone : tolerances are met by the residuals of an iterate alone, whatever work they do and however many
+        iterations there were: of a model whose own error is larger than what an iterate leaves.
     tables : largest share of the entries of a large interface up to which the iteration takes a sparse table of them
         (``propagator.interface_probing``); 0: never.
     sequential_start : a window of several instants starts from the solution of windows of one instant (else from its
@@ -61,6 +63,7 @@ class SolverSettings:
     threads: int = 1
     skip_unchanged: bool = True
     newton: bool = True
+    residual_alone: bool = False
     tables: float = 0.0
 
 

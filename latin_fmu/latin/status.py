@@ -148,7 +148,7 @@ def _excess(settings: SolverSettings, window: WindowRecord) -> str:
     """The measure of the accepted iterate that exceeds what is allowed: the indicator, the force residual, the work."""
     # the rule of ``kernels.newton.share_to_meet``
     slow = window.first_instant == window.last_instant and window.iterations > UNCERTAIN and not window.newton_steps
-    share = CLOSER if slow else 1.0
+    share = CLOSER if slow and not settings.residual_alone else 1.0
     error, forces = share * settings.tolerance, share * settings.force_tolerance
     if not window.final_error <= error:
         return f"error indicator {window.final_error:.2e} (tolerance {error:.1e})"

@@ -23,7 +23,7 @@ from scipy.cluster import hierarchy
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-OF_RESPONSE: Final = 1e-6
+OF_RESPONSE: Final = 1e-5
 """Tolerance of the response Y to changes of the tractions within an instant; the iteration takes away what it lacks."""
 OF_INVERSE: Final = 1e-7
 """Tolerance of S^-1, which acts on changes from instant to instant; the next instant takes what it lacks as a load."""
