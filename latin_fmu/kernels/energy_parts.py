@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from .face import add_face_forces
 from .matrices import LOADS, add_spread, add_sum
 from .records import STATIC
-from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_face, add_product
+from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
 
 Array = NDArray[np.float64]
 
@@ -80,15 +81,13 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
 
 @kernel
 def whole_product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
-    """out = M, K, C or a part of C times x on dofs and motions (n + n_motion, m)."""
+    """out = M, K, C or a part of C times x on dofs and motions (n + n_motion, m); with S of a face K u and C v_w are
+    those of the last instant alone."""
     row = pools.classes[c]
     size = row.n * row.m
     out[:] = 0.0
     add_product(pools, c, which, 1.0, x[:size], out[:size])
-    if row.on_face == 1 and which == STIFFNESS:
-        add_face(pools, c, 1.0, x[:size], out[:size])
-    elif row.on_face == 1 and which == DAMPING:
-        add_face(pools, c, pools.fixed[row.face_viscosity], x[:size], out[:size])
+    add_face_forces(pools, c, which == STIFFNESS, which == DAMPING, out)
     add_borders(pools, c, which, x, out)
 
 

@@ -19,8 +19,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..compiled import kernel
 from .splits import add_squares
+
+Array = NDArray[np.float64]
 
 
 @kernel
@@ -59,21 +64,33 @@ def keep_load(pools: Any, c: int) -> None:
 
 @kernel
 def keep_face_forces(pools: Any, c: int) -> None:
-    """S r and S r' at the end of an instant, with the solution in ``load`` and the forces beyond the reference tractions
-    in ``inner``; where there is damping, which alone needs them."""
+    """S r and S r' at the end of an instant, for the damping and the account of energies, which alone need them; the
+    solution in ``load``, forces beyond the reference tractions in ``inner``."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
-    if row.on_face == 0 or pools.fixed[row.face_viscosity] == 0.0:
+    viscosity = pools.fixed[row.face_viscosity] if row.on_face == 1 else 0.0
+    if row.on_face == 0 or (viscosity == 0.0 and row.accounted == 0):
         return
-    n, size = row.n_inner, row.n
+    n, size, ratio = row.n_inner, row.n, run.velocity_gain / run.displacement_gain
     solved, squares = work[row.load : row.load + size], work[row.mass_a : row.mass_a + size]
     state = work[row.face_state : row.face_state + 4 * n]
     squares[:] = 0.0
     add_squares(pools, c, row.elastic_rows, row.n_elastic, run.displacement_gain, solved, squares)
     add_squares(pools, c, row.viscous_rows, row.n_viscous, run.velocity_gain, solved, squares)
-    gain = run.displacement_gain
-    share = gain / (gain + pools.fixed[row.face_viscosity] * run.velocity_gain)
+    share = run.displacement_gain / (run.displacement_gain + viscosity * run.velocity_gain)
     for i in range(n):
         left = work[row.face_load + i] + work[row.inner + i] - squares[pools.fixed_int[row.dofs + i]]
-        force = state[n + i] + share * left
-        state[3 * n + i] = (force - state[2 * n + i]) / run.dt
-        state[2 * n + i] = force
+        force, old, rate = state[n + i] + share * left, state[2 * n + i], state[3 * n + i]
+        work[row.face_rate + i] = rate + ratio * (force - old - run.u_v * rate)
+        state[2 * n + i], state[3 * n + i] = force, (force - old) / run.dt
+
+
+@kernel
+def add_face_forces(pools: Any, c: int, elastic: bool, viscous: bool, out: Array) -> None:
+    """Add S r, or b S r' with the velocities that C acts on over the step, of the last instant to forces (n,)."""
+    row = pools.classes[c]
+    n = row.n_inner if row.on_face == 1 else 0
+    for i in range(n if elastic else 0):
+        out[pools.fixed_int[row.dofs + i]] += pools.moving[row.face_state + 2 * n + i]
+    for i in range(n if viscous else 0):
+        rate = pools.moving[row.face_rate + i]
+        out[pools.fixed_int[row.dofs + i]] += pools.fixed[row.face_viscosity] * rate

@@ -35,7 +35,6 @@ from ..cholesky.substitution import (
     forward_tile,
 )
 from ..compiled import kernel
-from .patched import patched_product
 from .products import dense_tile, gather, half_product, packed_product, product, sparse_rows
 from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
@@ -310,20 +309,6 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
             rate *= factor
             for i in range(n):
                 out[i * m + j] += own[i] * rate
-
-
-@kernel
-def add_face(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor S x for the stiffness S of the interface dofs of a class of one member, which is in patches."""
-    row = pools.classes[c]
-    dofs, n = pools.fixed_int[row.dofs : row.dofs + row.n_inner], row.n_inner
-    scratch = tile_of(row, pools.moving)
-    moved, force = scratch[4 * n : 5 * n], scratch[5 * n : 6 * n]
-    for i in range(n):
-        moved[i] = x[dofs[i]]
-    patched_product(pools.fixed_int[row.face_header :], pools.fixed[row.face_numbers :], moved, force, scratch)
-    for i in range(n):
-        out[dofs[i]] += factor * force[i]
 
 
 @kernel

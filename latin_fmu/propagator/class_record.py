@@ -19,7 +19,7 @@ from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
-from .model import Array, FaceStiffness, Index
+from .model import Array, Index
 from .patches import EXACT, OF_INVERSE, OF_RESPONSE, Patches, in_patches
 
 Row = dict[str, int]
@@ -241,7 +241,8 @@ def constants(
     if row["n_modal"] or (face is not None and ops.modal is not None):
         row["n_viscous"], row["viscous_rows"] = len(ops.modal), block.put(ops.modal)
     if face is not None:
-        _put_face(block, row, face, propagator.energy and not propagator.loads_only)
+        row["n_elastic"], row["elastic_rows"] = len(face.rows), block.put(face.rows)
+        row |= {"on_face": 1, "face_viscosity": block.put(np.array([face.viscosity]))}
     row["branches"] = block.put(propagator.branches.weights(propagator.scheme, propagator.dt))
     put_matrix(block, row, "probe", probe)
     put_matrix(block, row, "sensor", sensor)
@@ -254,15 +255,6 @@ def constants(
     else:
         _dense_interface(block, row, propagator, live, is_normal[:, 0])
     return row
-
-
-def _put_face(block: BlockLayout, row: Row, face: FaceStiffness, accounted: bool) -> None:
-    """The stiffness of the interface dofs of a class beside K; S itself where energies are ``accounted`` for."""
-    row["n_elastic"], row["elastic_rows"] = len(face.rows), block.put(face.rows)
-    row |= {"on_face": 1, "face_viscosity": block.put(np.array([face.viscosity]))}
-    if accounted:
-        patches = in_patches(face.matrix, face.patches, EXACT, np.float64)
-        row["face_header"], row["face_numbers"] = block.put(patches.header, np.int64), block.put(patches.numbers)
 
 
 def _swept_interface(block: BlockLayout, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:

@@ -128,7 +128,7 @@ def test_energies_agree_and_close(both: tuple[Solution, Solution]) -> None:
     assert bodies is not None
     assert modes is not None
     largest = max(float(np.abs(term).max()) for term in modes.values())
-    assert np.abs(modes["balance"]).max() < 1e-12 * largest
+    assert np.abs(modes["balance"]).max() < 1e-7 * largest  # S^-1 is kept in single precision
     scale = float(np.abs(bodies["elastic"] - bodies["elastic"][0]).max() + bodies["kinetic"].max())
     for term in ("kinetic", "elastic", "work_of_loads", "friction_dissipation", "damping_dissipation"):
         assert np.abs(bodies[term] - modes[term]).max() < 0.03 * scale
