@@ -10,7 +10,7 @@ instant (``half_solves.add_reference``), so that the velocities of the first gue
 
 This is for tolerances far below the change of an instant, and after instants that took, or would have taken, more than
 UNCERTAIN iterations: many follow then, which take away what the expectation carries over from the error of the last
-instants. At rough tolerances that error would be fed on.
+instants. At rough tolerances that error would be fed on. Where residuals alone end an instant it is always made.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def expect(pools: Any, ended: Array) -> None:
         changes[j] = ended[j] - f_hat[j]
     _take_products(pools)
     x = work[run.fit : run.fit + ORDER]
-    slow = counted(pools, int(work[run.course + LAST])) > UNCERTAIN
+    slow = run.residual_alone == 1 or counted(pools, int(work[run.course + LAST])) > UNCERTAIN
     misfit = _fitted(pools, x) if slow else np.inf
     work[run.misfit] = misfit if misfit <= WORST else 1.0
     for j in range(n):

@@ -269,8 +269,8 @@ class Direction:
 
     @property
     def predicted(self) -> bool:
-        """Whether they are: at tolerances far below the change of an instant."""
-        return self.predictable and self._settings.tolerance <= ROUGH
+        """Whether they are: at tolerances far below the change of an instant, and with the residuals alone."""
+        return self.predictable and (self._settings.tolerance <= ROUGH or self._settings.residual_alone)
 
     @property
     def _single(self) -> bool:
