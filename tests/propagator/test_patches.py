@@ -1,0 +1,99 @@
+"""Dense matrices of contact faces in patches: partition, error, products of the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from latin_fmu.kernels.patched import patched_norms, patched_product
+from latin_fmu.propagator.patches import Patches, in_patches, partition
+
+POINTS = 24  # of each face
+
+
+def faces(count: int, apart: float, seed: int) -> np.ndarray:
+    """Points (3 POINTS count, 3) of square faces at distances ``apart``, three rows each."""
+    rng = np.random.default_rng(seed)
+    points = [rng.uniform(0.0, 1.0, (POINTS, 3)) + [apart * k, 0.0, 0.0] for k in range(count)]
+    return np.repeat(np.concatenate(points), 3, axis=0)
+
+
+def compliance(places: np.ndarray) -> np.ndarray:
+    """Kelvin's solution, smoothed at the point itself: displacement along the axes for forces along them."""
+    n = len(places) // 3
+    points, matrix = places[::3], np.empty((n, 3, n, 3))
+    for i in range(n):
+        r = points - points[i]
+        size = np.sqrt((r**2).sum(axis=1) + 0.2**2)
+        both = np.einsum("ja,jb->jab", r, r) / size[:, None, None] ** 3
+        matrix[i] = (2.0 * np.eye(3) / size[:, None, None] + both).transpose(1, 0, 2)
+    return matrix.reshape(3 * n, 3 * n)
+
+
+def product(patches: Patches, x: np.ndarray) -> np.ndarray:
+    """A x by the kernel."""
+    out = np.empty(len(x))
+    patched_product(patches.header, patches.numbers, x, out, np.empty(4 * len(x)))
+    return out
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [(np.float64, 1e-12), (np.float64, 1e-6), (np.float32, 1e-6)])
+def test_products_are_those_of_the_matrix_within_the_tolerance(kind: type, tolerance: float) -> None:
+    places = faces(4, 3.0, 5)
+    matrix = compliance(places)
+    patches = in_patches(matrix, partition(places, matrix, tolerance), tolerance, kind)
+    columns = np.random.default_rng(6).normal(size=(3, len(places)))
+    scale = np.sqrt(matrix.diagonal())
+    largest = np.linalg.eigvalsh(matrix / (scale[:, None] * scale)).max()
+    for x in columns:
+        off = (product(patches, x) - matrix @ x) / scale
+        # two bases for each block, and the rounding of what is kept
+        assert np.linalg.norm(off) <= 4.0 * tolerance * largest * np.linalg.norm(scale * x)
+
+
+def test_the_matrix_in_patches_is_symmetric() -> None:
+    places = faces(3, 2.0, 7)
+    matrix = compliance(places)
+    patches = in_patches(matrix, partition(places, matrix, 1e-5), 1e-5, np.float32)
+    x, y = np.random.default_rng(8).normal(size=(2, len(places)))
+    first, second = float(y @ product(patches, x)), float(x @ product(patches, y))
+    assert abs(first - second) <= 1e-13 * np.linalg.norm(x) * np.linalg.norm(y) * np.linalg.norm(matrix)
+
+
+def test_norms_are_those_of_the_products() -> None:
+    places = faces(4, 2.0, 9)
+    matrix = compliance(places)
+    patches = in_patches(matrix, partition(places, matrix, 1e-6), 1e-6, np.float64)
+    pair = np.random.default_rng(10).normal(size=(2, len(places)))
+    found = patched_norms(patches.header, patches.numbers, pair.ravel(), np.empty(4 * len(places)))
+    on_first, on_second = product(patches, pair[0]), product(patches, pair[1])
+    expected = pair[0] @ on_first, pair[1] @ on_second, pair[1] @ on_first
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+def test_patches_are_the_faces_and_read_less_than_the_matrix() -> None:
+    places = faces(4, 6.0, 11)
+    matrix = compliance(places)
+    parts = partition(places, matrix, 1e-5)
+    assert sorted(len(part) for part in parts) == [3 * POINTS] * 4
+    assert all(np.ptp(places[part, 0]) < 1.0 for part in parts)
+    patches = in_patches(matrix, parts, 1e-5, np.float32)
+    assert patches.reads < 0.6 * len(places) * (len(places) + 1) / 2
+
+
+def test_one_face_stays_one_patch() -> None:
+    places = faces(1, 0.0, 12)
+    matrix = compliance(places)
+    parts = partition(places, matrix, 1e-12)
+    patches = in_patches(matrix, parts, 1e-12, np.float64)
+    x = np.random.default_rng(13).normal(size=len(places))
+    np.testing.assert_allclose(product(patches, x), matrix @ x, rtol=1e-11, atol=1e-11)
+
+
+def test_no_points_and_two() -> None:
+    for n in (0, 2):
+        matrix = np.eye(3 * n)
+        parts = partition(np.zeros((3 * n, 3)), matrix, 1e-6)
+        np.testing.assert_array_equal(
+            product(in_patches(matrix, parts, 1e-6, np.float64), np.ones(3 * n)), np.ones(3 * n)
+        )
