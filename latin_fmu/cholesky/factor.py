@@ -73,8 +73,7 @@ class CholeskyFactor:
         minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
     face : sorted dofs that ``face_solve`` and ``face_inverse`` are for; none of them in ``last``.
-    store : where the numbers are looked for, and kept. on_last : dense part (n_last, n_last) of the matrix among the
-        dofs of ``last``, beside ``matrix``; without a store.
+    store : where the numbers are looked for, and kept.
 
     Attributes
     ----------
@@ -86,6 +85,8 @@ class CholeskyFactor:
     SolverError : the matrix is not symmetric positive definite.
     """
 
+    _among: Array | None = None
+
     def __init__(
         self,
         matrix: sp.csr_array,
@@ -95,7 +96,6 @@ class CholeskyFactor:
         symbolic: Symbolic | None = None,
         face: Index | None = None,
         store: OperatorStore = NO_STORE,
-        on_last: Array | None = None,
     ) -> None:
         shape = shared_analysis(Pattern(matrix, last, rank, face, store)) if symbolic is None else symbolic
         self.symbolic = shape
@@ -110,13 +110,13 @@ class CholeskyFactor:
         # rows and places of panels follow from the matrix and its order: they need no part in the name
         given = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
         self.name = store.name("factor", *given)
-        made = store.remember(self.name, lambda: self._factorised(matrix, on_last), ("panels",))
+        made = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
         self.panels: NDArray[Any] = made["panels"]
         self.schur: Array = made["schur"]
         self.schur_inverse: Array = made["schur_inverse"]
         self.grouped = self.panels.nbytes <= _CACHE
 
-    def _factorised(self, matrix: sp.csr_array, on_last: Array | None) -> dict[str, NDArray[Any]]:
+    def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
         """Panels, Schur complement and its inverse."""
         shape = self.symbolic
         # the kernel adds to the Schur complement, and writes every number of the panels
@@ -140,8 +140,8 @@ class CholeskyFactor:
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
         mirror(schur)  # the kernels fill the lower triangle
-        if on_last is not None:
-            schur += on_last
+        if self._among is not None:
+            schur += self._among
         inverse = schur.copy()
         if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))
@@ -230,6 +230,19 @@ class CholeskyFactor:
         """A^-1 b for b (n, m)."""
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
+
+
+class StiffenedFactor(CholeskyFactor):
+    """``CholeskyFactor`` of a matrix with a dense part among the last dofs beside its sparse one.
+
+    Parameters
+    ----------
+    matrix : (n, n), sparse. last : as for ``CholeskyFactor``. among : (n_last, n_last), symmetric.
+    """
+
+    def __init__(self, matrix: sp.csr_array, last: Index, among: Array) -> None:
+        self._among = among
+        super().__init__(matrix, last)
 
 
 def _check_finite(matrix: sp.csr_array) -> None:

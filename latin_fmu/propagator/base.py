@@ -310,16 +310,8 @@ class Propagator(ABC):
         self.instant = 0
         if not self.begun:
             self.state.set(*_initial_motion(self))
-            self._start_on_face()
+            _start_on_face(self)
         self.begun = True
-
-    def _start_on_face(self) -> None:
-        """State of the march on a stiffness of the face, from the motion at the start."""
-        face, dofs = self.members[0].face, self.operators.dofs
-        if face is not None:
-            place, speed = self.state.u[dofs, 0], self.state.v[dofs, 0]
-            force = face.matrix @ place
-            self.state.put_on_face(np.stack([place, force, force, face.matrix @ speed]))
 
     @abstractmethod
     def internal_forces(self) -> tuple[Array, Array]:
@@ -381,6 +373,15 @@ def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
     u = closest_reduced(p, np.stack([m.displacement for m in members], axis=1) - forcing.imposed_u(0))
     v = closest_reduced(p, np.stack([m.velocity for m in members], axis=1) - forcing.imposed_v(0))
     return u, v
+
+
+def _start_on_face(propagator: Propagator) -> None:
+    """State of the march on a stiffness of the face, from the motion at the start."""
+    face, dofs, state = propagator.members[0].face, propagator.operators.dofs, propagator.state
+    if face is not None:
+        place, speed = state.u[dofs, 0], state.v[dofs, 0]
+        force = face.matrix @ place
+        state.put_on_face(np.stack([place, force, force, face.matrix @ speed]))
 
 
 def nodal_forces(propagator: Propagator, traction: Array) -> Array:

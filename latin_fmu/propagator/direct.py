@@ -23,7 +23,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import CholeskyFactor, LowRankFactor
+from ..cholesky.factor import CholeskyFactor, LowRankFactor, StiffenedFactor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
@@ -172,6 +172,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     gain = scheme.interface_gain(dt) * scheme.traction_weight
     on_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
     factor: Any
+    compliance: Any
     if model.face is not None:
         factor = _with_face(model, model.face, (c_mass, c_damping, c_stiffness), modal)
         compliance = projected(trace, gain, factor.schur_inverse)
@@ -179,7 +180,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         pattern = DashpotPattern(model)
         # with zeros where the dashpots come: one analysis serves both factors
         factor = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
-        compliance: Any = InterfaceCompliance(factor, dofs, trace, gain, pattern)
+        compliance = InterfaceCompliance(factor, dofs, trace, gain, pattern)
 
         def on_dashpots(dashpots: Array, dtype: Any) -> CholeskyFactor:
             return pattern.factor(factors, gain * dashpots, dtype)
@@ -219,7 +220,7 @@ def _with_face(
     coupling = rows.T @ squares
     coupling[dofs] = coupling[:, dofs].T
     among = (c_stiffness + c_damping * face.viscosity) * face.matrix + squares[:, dofs].T @ squares[:, dofs]
-    return CholeskyFactor(sp.csr_array(matrix + coupling), dofs, on_last=among)
+    return StiffenedFactor(sp.csr_array(matrix + coupling), dofs, among)
 
 
 _HEAVY = 1e30

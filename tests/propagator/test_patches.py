@@ -14,7 +14,7 @@ POINTS = 24  # of each face
 def faces(count: int, apart: float, seed: int) -> np.ndarray:
     """Points (3 POINTS count, 3) of square faces at distances ``apart``, three rows each."""
     rng = np.random.default_rng(seed)
-    points = [rng.uniform(0.0, 1.0, (POINTS, 3)) + [apart * k, 0.0, 0.0] for k in range(count)]
+    points = [rng.uniform(0.0, 1.0, (POINTS, 3)) + np.array([apart * k, 0.0, 0.0]) for k in range(count)]
     return np.repeat(np.concatenate(points), 3, axis=0)
 
 
