@@ -18,7 +18,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster import hierarchy
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -66,6 +65,9 @@ def partition(places: Array, matrix: Array, tolerance: float) -> list[Index]:
 
     places : (n, 3) of each row of ``matrix`` (n, n), m. tolerance : as for ``in_patches``.
     """
+    # its import takes 0.1 s, which runs without modes save
+    from scipy.cluster import hierarchy
+
     whole = [np.arange(len(places))]
     points, point_of = np.unique(places, axis=0, return_inverse=True)
     if len(points) < 3:
