@@ -19,7 +19,7 @@ EXEMPT: Final = {
     "sides alike": "the points of an interface are those of a side that nothing tells from the other one, and a remark "
     "says so: swapped, or with one of the bodies cut in two, they are those of the other side",
     "closed by a length": "without slip a gap below 1e-12 of the size of a face is closed, a length that does not "
-    "double with the loads: a point that comes this close may stick in one run and not in the other; to 1e-5 they agree",
+    "double with the loads: a point this close may stick in one run and not in the other; they agree to 1e-5",
 }
 SAID: Final = "points are those of side E: facets, stiffness and volume"
 OPENING: Final = ("contact", "no_slip", "soft_contact")
