@@ -19,7 +19,6 @@ from .assembly.free_bodies import loss_of_equilibrium
 from .assembly.models import Kept, KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import by_modes, chosen_propagators
-from .assembly.recovered_fields import RecoveredRecorder
 from .assembly.sensitivities import Tangents
 from .assembly.statics import Stage
 from .assembly.supports import port_lines
@@ -538,6 +537,8 @@ def _marched(
             march.all()
         march.join()
         if reduced is not None:
+            from .assembly.recovered_fields import RecoveredRecorder
+
             recorder = RecoveredRecorder(reduced, recorder, replace(problem.output, watch=True), problem.info)
     outcome = _outcome(problem, march, recorder)
     timings.other = clock.process_time() - ready - timings.march

@@ -14,8 +14,6 @@ from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
 from .file_digest import is_damaged
-from .mesh_files.attachments import with_attached
-from .mesh_files.deck_scene import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
 from .scene.overrides import key_lines
@@ -244,8 +242,12 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     whole["substructure"] = {**parts, **rest}
     for content, groups_of_file, table in said:
         if content.deck is not None:
+            from .mesh_files.deck_scene import with_deck
+
             whole = with_deck(whole, content, groups_of_file, table.scale, problems)
         if table.take:
+            from .mesh_files.attachments import with_attached
+
             whole = with_attached(whole, content, groups_of_file, table, problems)
     if problems:
         return raw, problems

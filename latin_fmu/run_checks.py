@@ -30,14 +30,13 @@ The account of energies sums up to round-off; where it does not, the numbers of 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.spatial as spatial
 
 from .assembly.bolts import Clamp
 from .assembly.problem import SolverReadyProblem
-from .assembly.release import Release, released
 from .interface.laws import SEPARATION, bonds
 from .latin.assembly import Array, Assembly
 from .latin.outcome import InterfaceHistory, Resultants
@@ -49,6 +48,9 @@ from .remarks import Remark, remarks_of
 from .results.quantities_of_interest import slip_in_contact
 from .results.summary import percent, readable
 from .scene.units import SI, UnitSystem
+
+if TYPE_CHECKING:
+    from .assembly.release import Release
 
 LARGEST_ROTATION = 2.0  # degrees
 LARGEST_TURN = 10.0
@@ -508,6 +510,8 @@ def _finer(problem: SolverReadyProblem) -> str:
 
 def _released(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], name: str) -> Release | None:
     """The joint as one that loads press, None where bodies are clamped in it."""
+    from .assembly.release import released
+
     models = {n: m for p in problem.assembly.propagators for n, m in zip(p.names, p.members, strict=True)}
     nodes = {n: problem.info[n].nodes for n in models}
     opening = {n: h for n, h in histories.items() if h.contact_status is not None}

@@ -78,12 +78,14 @@ def test_json_is_alone_on_stdout(scene: str, capsys: pytest.CaptureFixture[str])
 
 
 def test_a_run_loads_what_it_needs(scene: str) -> None:
-    """The libraries that a run leaves out, and NumPy as it was: its tools can be imported afterwards."""
+    """The libraries and modules that a run of boxes without modes leaves out, and NumPy as it was: its tools can be imported afterwards."""
     code = (
         "import sys; from latin_fmu.cli import main; "
         f"assert main(['run', {scene!r}, '--quiet']) == 0; "
         "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
-        "'scipy.integrate', 'scipy.optimize', 'scipy.signal', 'scipy.stats'}; "
+        "'scipy.cluster', 'scipy.integrate', 'scipy.optimize', 'scipy.signal', 'scipy.stats'}; "
+        "unused |= {f'latin_fmu.{name}' for name in ('assembly.reduced_run', 'assembly.joined_assembly', "
+        "'assembly.release', 'mesh_files.content', 'scene.universal_files')}; "
         "assert not unused & set(sys.modules), unused & set(sys.modules); "
         "import numpy; assert numpy.testing.assert_allclose; assert numpy.f2py.main"
     )

@@ -423,6 +423,8 @@ class _MeshFiles:
 
 def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """What the decks say that the scene does not use."""
+    if not files.contents:
+        return
     from ..mesh_files.attachments import taken
     from ..mesh_files.deck_scene import left_out
     from ..mesh_files.unused import unused_content

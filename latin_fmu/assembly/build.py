@@ -6,7 +6,7 @@ import gc
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions, conditions_on
-from .damping_band import DampingBand, band_of
 from .displaced_starts import displaced_start
 from .drag import drag_problems
 from .driven_starts import check_driven_starts
@@ -40,10 +39,8 @@ from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
-from .joined_assembly import JoinedAssembly, pressed_of
 from .joint_rotations import rotation_problems
 from .merged_assembly import loop_remarks
-from .modal_problem import modal_problem
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .places_at_rest import least_displaced
 from .plausibility import plausibility_remarks
@@ -65,6 +62,9 @@ from .statics import (
 from .supports import port_places
 from .threads import with_threads
 from .untouched import never_touched
+
+if TYPE_CHECKING:
+    from .damping_band import DampingBand
 
 _LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
 
@@ -97,7 +97,11 @@ def solver_ready(
     ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
     whether the assembly is marched by its modes."""
     start = starting_equilibrium(discretised, amplitudes, stages)
-    return modal_problem(discretised, start) if modal else discretised.build(start, processes=processes)
+    if modal:
+        from .modal_problem import modal_problem
+
+        return modal_problem(discretised, start)
+    return discretised.build(start, processes=processes)
 
 
 def starting_equilibrium(
@@ -278,6 +282,9 @@ def _band_of(of: _SceneText) -> DampingBand:
     ------
     SceneError : the assembly has no elastic mode.
     """
+    from .damping_band import band_of
+    from .joined_assembly import JoinedAssembly, pressed_of
+
     plain = of.scene.model_copy(update={"damping": None})
     state = start_state(plain)
     joined = JoinedAssembly.of(without_scheme(plain), "sticking", {} if state is None else pressed_of(state))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -51,12 +51,14 @@ from .models import (
 )
 from .press_fits import fit_pressures, fits
 from .propagator_choice import divided, made_propagators
-from .reduced_run import ReducedMarch
 from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 from .wave_pace import waves_count
+
+if TYPE_CHECKING:
+    from .reduced_run import ReducedMarch
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""

@@ -437,10 +437,11 @@ _NETCDF: Final = (".nc", ".nc4", ".cdf", ".netcdf", ".h5")
 
 def read_scene(arguments: argparse.Namespace) -> Scene:
     """The scene that SCENE names, with the settings of ``--set``."""
-    from ..mesh_files.child import NO_LIMIT
     from ..reader import load_scene
 
     if arguments.no_limit:
+        from ..mesh_files.child import NO_LIMIT
+
         os.environ[NO_LIMIT] = "0"  # of the processes of a study, too
     return load_scene(arguments.scene, arguments.overrides)
 

@@ -4,12 +4,13 @@ The basis holds (Rubin 1975, Craig and Bampton 1968 in the free-interface form)
 
     R      the rigid motions the conditions leave, K R = 0
     Phi    the lowest elastic modes of the substructure with free interfaces, K phi = lambda M phi
-    X      the static response to every traction shape and every load, K x = b - M R R^T b (inertia relief)
+    X      the static response to every traction shape and every load, K x = b - M R R^T b (inertia relief), and to
+           the forces by which dashpots couple the modes, b = C phi - M (all phi, R)(all phi, R)^T C phi
 
-and is turned into Ritz vectors: mass-orthonormal, stiffness diagonal. Modes that no shape, no load and no initial
-value can excite are left out: they stay at rest. Groups of equal eigenvalues are kept whole. A constraint mode of an
-interface dof is a sum of static responses and rigid motions, so that with one shape per channel the span holds that of
-Craig and Bampton's constraint modes.
+and is turned into Ritz vectors: mass-orthonormal, stiffness diagonal. Modes that no shape, no load, no initial value
+and no dashpot can excite are left out: they stay at rest. Damping in proportion to M and K couples no modes. Groups of
+equal eigenvalues are kept whole. A constraint mode of an interface dof is a sum of static responses and rigid motions,
+so that with one shape per channel the span holds that of Craig and Bampton's constraint modes.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from .vibration import Vibration
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
 _EQUAL = 1e-6  # relative difference of eigenvalues of one group
 _CHOICE = 4  # low modes among which the strongest are chosen, times their number
+_COUPLES = 1e-6  # force of a dashpot beyond the modes, over all of it, below which it is round-off
+_ROUNDS = 3  # of modes that excite others by dashpots: all dofs of a face are reached in the second
 _DEPENDENT = 1e-9  # squared norm of what a static response adds to the basis, against its own
 
 
@@ -157,11 +160,18 @@ def reduce_model(
     forces = _forces(model, shapes)
     # initial values excite modes as forces do
     excited = _unit(np.column_stack([forces, mass @ start]))
-    if exciting is None:
-        rigid, modes = lowest_modes(body, n_mode, excited)
-    else:
-        rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
-    eigenvalues, elastic = ritz_vectors(body, rigid, modes, forces)
+    damping = None if model.damping is None else sp.csr_array(e.T @ model.damping @ e)
+    for _ in range(_ROUNDS):
+        if exciting is None:
+            rigid, modes = lowest_modes(body, n_mode, excited)
+        else:
+            rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
+        coupling = _coupling(damping, np.column_stack([_excitable(rigid, excited), modes]), mass)
+        if not coupling.shape[1]:
+            break
+        # what moves others is moved by them
+        excited = np.column_stack([excited, coupling])
+    eigenvalues, elastic = ritz_vectors(body, rigid, modes, np.column_stack([forces, coupling]))
     q = np.column_stack([_excitable(rigid, excited), elastic])
     # signs by a rule: eigenvectors of two machines may differ in theirs
     q = q * _signs(q)
@@ -212,6 +222,15 @@ def _damping(model: SubstructureModel, basis: Array, eigenvalues: Array) -> Arra
         return None
     own = np.diag(modal_damping(model, eigenvalues))
     return own if model.damping is None else np.asarray(basis.T @ (model.damping @ basis) + own)
+
+
+def _coupling(damping: sp.csr_array | None, modes: Array, mass: sp.csr_array) -> Array:
+    """Forces of dashpots (n, k), of length 1, by which mass-orthonormal motions (n, n_mode) excite others."""
+    if damping is None:
+        return np.zeros((len(modes), 0))
+    forces = np.asarray(damping @ modes)
+    beyond = forces - mass @ (modes @ (modes.T @ forces))
+    return _unit(beyond[:, np.linalg.norm(beyond, axis=0) > _COUPLES * np.linalg.norm(forces, axis=0)])
 
 
 def _forces(model: SubstructureModel, shapes: Array | None) -> Array:

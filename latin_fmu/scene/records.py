@@ -19,7 +19,6 @@ from .fields import refusal
 from .number_files import MULTIPLIED, Column, NumberTable, factor, number_table
 from .unit_texts import QUANTITIES, plain_unit, unit_size
 from .units import UnitSystem
-from .universal_files import is_universal, universal_history
 
 STARTS: Final = ("file", "record", "cut")
 GAPS: Final = ("refused", "linear")
@@ -148,6 +147,8 @@ def read_history(base_dir: Path, name: str, time_column: Column | None, column: 
 
     Raises the refusal of the field that names the file.
     """
+    from .universal_files import is_universal, universal_history
+
     if is_universal(base_dir, name):
         if time_column is not None:
             what = "the functions of a universal file have their times with them"

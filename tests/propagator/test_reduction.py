@@ -158,6 +158,25 @@ def test_damping_and_loads_are_projected():
     assert reduced.loads.shape == (len(reduced.eigenvalues), 3)
 
 
+def test_dashpots_excite_what_no_force_does():
+    """A bar pulled along its axis, with dashpots along one edge alone: they bend it, and turn it."""
+    model = bar(held=False, n=3)
+    edge = np.flatnonzero(box_mesh(np.zeros(3), np.array([0.3, 0.2, LENGTH]), (1, 1, 3)).nodes[:, 0] == 0.0)
+    rates = np.zeros(model.n_full)
+    rates[3 * edge + 2] = 0.7
+    model = replace(model, damping=sp.csr_array(sp.diags_array(rates)), velocity=np.zeros(model.n_full))
+    reduced = reduce_model(model, 10_000, np.ones((4, 1)))
+    s = 1.7j * np.sqrt(reduced.eigenvalues[reduced.n_rigid])
+    whole = (s**2 * model.inertia + s * model.damping + model.stiffness).toarray()
+    expected = model.trace @ np.linalg.solve(whole, model.loads[0].pattern)
+    assert reduced.damping is not None
+    few = s**2 * np.eye(len(reduced.eigenvalues)) + s * reduced.damping + np.diag(reduced.eigenvalues)
+    found = reduced.trace @ np.linalg.solve(few, reduced.loads[:, 0])
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * abs(expected).max())
+    # across the axis, by the dashpots alone
+    assert np.ptp(abs(expected)) > 0.1 * abs(expected).max()
+
+
 def test_what_cannot_be_reduced_is_said():
     model = bar(held=True)
     with pytest.raises(ValueError, match="number of modes"):

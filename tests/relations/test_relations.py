@@ -52,8 +52,11 @@ FOUND: Final = {
     "falls, and heat closes its gap, driven base": (50055, "turned"),
     "falls, and heat closes its gap, no slip": (50210, "other units"),
     "sticks without pressure": (50409, "shifted"),
+    "reduced, beside an absorbing face": (910111, "reduced"),
+    "reduced, hit in free fall": (80404, "reduced"),
 }
-"""Seeds of ``row_scene`` whose start once depended on the description, and the relation that saw it."""
+"""Seeds of ``row_scene`` whose results once depended on the description or missed the told error, and the relation
+that saw it."""
 
 
 @pytest.mark.parametrize(("seed", "name"), FOUND.values(), ids=FOUND)
