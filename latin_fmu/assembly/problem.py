@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
 from ..latin.probes import OutputRequest, SensorPlace
-from ..latin.recorder import SubstructureInfo
+from ..latin.recorder import Recorder, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, SolverSettings
 from ..laws.maxwell_joint import MaxwellJoint
@@ -108,7 +108,7 @@ class Timeline:
         dt = float(time[1] - time[0]) if dt is None else dt
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self.ground(assembly, time, given), ground_start)
+        assembly.begin(time, dt, self.ground(assembly.interfaces, time, given), ground_start)
 
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
@@ -132,10 +132,12 @@ class Timeline:
             return ramp
         return given[name] if name in given else sampled(self._laws[name], time)
 
-    def ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array] = NO_ELONGATION) -> dict[int, Array]:
+    def ground(
+        self, interfaces: Sequence[InterfaceUnit], time: Array, given: Mapping[str, Array] = NO_ELONGATION
+    ) -> dict[int, Array]:
         """Velocities (n_time, 3) of the ground by interface, m s-1; ``given`` as for ``begin``."""
         ground = {}
-        for i, unit in enumerate(assembly.interfaces):
+        for i, unit in enumerate(interfaces):
             if not unit.against_ground:
                 continue
             moving = self._scene.joints[unit.name].ground_velocity
@@ -178,6 +180,10 @@ class SolverReadyProblem:
     """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
     reduced: ReducedMarch | None = None
     """The assembly by its modes, which is marched in the place of its bodies; None where these are."""
+
+    def recorder(self) -> Recorder:
+        """One that keeps what the scene asks for, in memory."""
+        return Recorder(self.assembly, self.output, self.info)
 
     @property
     def choices(self) -> dict[str, str]:

@@ -8,7 +8,7 @@ Bonds are no unknowns of the march. Their tractions F follow from the equilibriu
 
     T^T area F = K u + C v + M a - f - (forces of the other interfaces)
 
-in the least-squares sense over the dofs at bonded faces, as each bond is met from both sides.
+(``bond_forces``).
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from typing import Any, Final
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, WORK_OF_LOADS
 from ..latin.assembly import Array, Index
@@ -29,12 +28,12 @@ from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
 from ..propagator.model import SubstructureModel, closest_reduced
+from .bond_forces import BondForces
 from .reduced_run import NAME, ReducedMarch
 from .tied_assembly import jump_rows
 
 _EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
-_REGULAR: Final = 1e-12  # of the diagonal of the system of the bonds: what goes round in loops becomes zero
 
 
 def compressed(histories: Array) -> Array:
@@ -176,25 +175,7 @@ class Motions:
         if not bonded:
             return {}
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
-        forces, counts = list[sp.csr_array](), list[int]()
-        for i in bonded:
-            areas = layout.area[layout.channels(i, 0).ravel()]
-            rows = sp.diags_array(areas) @ jump_rows(layout, tied.trace, i)
-            forces.append(sp.csr_array(rows @ expansion))
-            counts.append(len(areas))
-        matrix = sp.csr_array(sp.vstack(forces))
-        dofs = np.unique(matrix.indices)
-        matrix = sp.csr_array(matrix[:, dofs])
-        wanted = (expansion.T @ (self.internal_forces() - others))[dofs]
-        # each dof by the area that it carries
-        weight = np.asarray(abs(matrix).sum(axis=0)).ravel()
-        weighted = matrix @ sp.diags_array(1.0 / np.maximum(weight, np.finfo(float).tiny))
-        system = sp.csc_array(weighted @ matrix.T)
-        diagonal = system.diagonal()
-        system = sp.csc_array(system + sp.diags_array(_REGULAR * diagonal + np.where(diagonal > 0.0, 0.0, 1.0)))
-        solved = spla.splu(system).solve(np.ascontiguousarray(weighted @ wanted))
-        ends = np.cumsum(counts)
-        return {i: solved[end - count : end].T for i, count, end in zip(bonded, counts, ends.tolist(), strict=True)}
+        return BondForces(bonded, layout, tied.trace, expansion).tractions(self.internal_forces() - others)
 
 
 class RecoveredRecorder(Recorder):
