@@ -21,6 +21,7 @@ from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import by_modes, chosen_propagators
 from .assembly.recovered_fields import RecoveredRecorder
 from .assembly.sensitivities import Tangents
+from .assembly.static_fields import StaticRecorder, StaticRun, solved_at_once
 from .assembly.statics import Stage
 from .assembly.supports import port_lines
 from .assembly.tied_assembly import TieError
@@ -446,7 +447,8 @@ def _made(
         size = 1 if processes is None else processes.size
         modal, reasons = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
         try:
-            problem = solver_ready(discretised, {}, size, stages, modal)
+            at_once = solved_at_once(scene, discretised, wanted or size > 1 or how[2])
+            problem = solver_ready(discretised, {}, size, stages, modal, at_once)
         except TieError as error:
             modal, reasons = False, [str(error)]
         if reasons:
@@ -457,7 +459,9 @@ def _made(
             problem = replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
             return problem, prediction, tangent
         if scene.time.quasi_static:
-            problem.assembly.lost = loss_of_equilibrium(discretised)
+            lost = loss_of_equilibrium(discretised)
+            for held in (problem.assembly, problem.assembly if problem.reduced is None else problem.reduced.assembly):
+                held.lost = lost
     return problem, prediction, tangent
 
 
@@ -538,7 +542,8 @@ def _marched(
             march.all()
         march.join()
         if reduced is not None:
-            recorder = RecoveredRecorder(reduced, recorder, replace(problem.output, watch=True), problem.info)
+            kind = StaticRecorder if isinstance(reduced, StaticRun) else RecoveredRecorder
+            recorder = kind(cast(Any, reduced), recorder, replace(problem.output, watch=True), problem.info)
     outcome = _outcome(problem, march, recorder)
     timings.other = clock.process_time() - ready - timings.march
     timings.wall = clock.perf_counter() - wall
@@ -552,7 +557,8 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, bodies = recorder.interfaces(), recorder.substructures()
     balance, indicators, n_body = (
-        resultants(problem, march.tractions, histories),
+        # of the bodies, where the assembly was solved at once
+        resultants(problem, march.tractions if problem.reduced is None else recorder.rows.f_hat[-1], histories),
         march.named_indicator(),
         assembly.n_substructure,
     )

@@ -28,8 +28,8 @@ class BondForces:
 
     Parameters
     ----------
-    bonded : numbers of the interfaces. layout : of all. trace : (n_flat, n_full) from the full dofs of all bodies to the
-    channels. expansion : (n_full, n) of all bodies.
+    bonded : numbers of the interfaces. layout : of all. trace : (n_flat, n_full) from the full dofs of all bodies to
+    the channels. expansion : (n_full, n) of all bodies.
     """
 
     def __init__(self, bonded: Sequence[int], layout: Layout, trace: sp.csr_array, expansion: sp.csr_array) -> None:

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import Problems, SceneError
+from ..errors import Problems, SceneError, SolverError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
 from ..laws.maxwell_joint import MaxwellJoint
@@ -51,6 +51,7 @@ from .press_fits import carried, fits
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
+from .static_fields import static_problem_at_once
 from .statics import (
     Stage,
     fitted,
@@ -64,6 +65,7 @@ from .statics import (
 )
 from .supports import port_places
 from .threads import with_threads
+from .tied_assembly import TieError
 from .untouched import never_touched
 
 _LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
@@ -92,11 +94,18 @@ def solver_ready(
     processes: int = 1,
     stages: list[Stage] | None = None,
     modal: bool = False,
+    at_once: bool = False,
 ) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
     ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
-    whether the assembly is marched by its modes."""
+    whether the assembly is marched by its modes. at_once : whether one without inertia is solved over all bodies
+    together, where it can be."""
     start = starting_equilibrium(discretised, amplitudes, stages)
+    if at_once:
+        try:
+            return static_problem_at_once(discretised, start)
+        except (TieError, SolverError):  # bonds between driven faces, bodies that float: one by one
+            pass
     return modal_problem(discretised, start) if modal else discretised.build(start, processes=processes)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -51,7 +51,6 @@ from .models import (
 )
 from .press_fits import fit_pressures, fits
 from .propagator_choice import divided, made_propagators
-from .reduced_run import ReducedMarch
 from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
@@ -150,6 +149,29 @@ class Timeline:
         return ground
 
 
+class WholeMarch(Protocol):
+    """An assembly that is marched as one substructure: by its modes (``reduced_run``), or without inertia
+    (``static_fields``)."""
+
+    @property
+    def assembly(self) -> Assembly:
+        """Of the one substructure."""
+
+    @property
+    def stored(self) -> float:
+        """Elastic energy of all bodies at t = 0, J."""
+
+    @property
+    def in_words(self) -> str:
+        """What is marched."""
+
+    def settings(self, given: SolverSettings) -> SolverSettings:
+        """The rules of the iteration."""
+
+    def recorder(self, energy: bool) -> Recorder:
+        """That of the march."""
+
+
 @dataclass(frozen=True)
 class SolverReadyProblem:
     """A scene turned into operators, ready to run.
@@ -178,8 +200,8 @@ class SolverReadyProblem:
     """What is left out of the run, None where nothing is."""
     unforeseen: Mapping[str, str] = field(default_factory=dict)
     """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
-    reduced: ReducedMarch | None = None
-    """The assembly by its modes, which is marched in the place of its bodies; None where these are."""
+    reduced: WholeMarch | None = None
+    """The whole assembly, which is marched in the place of its bodies; None where these are."""
 
     def recorder(self) -> Recorder:
         """One that keeps what the scene asks for, in memory."""
@@ -420,7 +442,7 @@ def ready(
     problem: DiscretisedProblem,
     assembly: Assembly,
     about: tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]],
-    reduced: ReducedMarch | None = None,
+    reduced: WholeMarch | None = None,
 ) -> SolverReadyProblem:
     """The problem with its operators; ``about`` : remarks, histories, start, time scheme, landings that it was not
     chosen for."""

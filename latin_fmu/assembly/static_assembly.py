@@ -125,6 +125,11 @@ class StaticAssembly:
         )
 
     @property
+    def joints(self) -> Joints:
+        """The interfaces by what they are here: layers are among those with relative motions."""
+        return Joints(self.bonded, (), self.relative)
+
+    @property
     def channels(self) -> Index:
         """Channels (n_channel,) of the relative motions in the layout of ``units``."""
         parts = [self.layout.channels(j, 0).ravel() for j in range(len(self.relative))]
@@ -164,9 +169,8 @@ def _order(model: SubstructureModel, models: Sequence[SubstructureModel], bodies
     node = node.ravel()
     touching = sp.csr_array((np.ones(trace.nnz), trace.indices, trace.indptr), shape=trace.shape[::-1])
     by_points = sp.csr_array(touching @ touching.T)
-    n, pairs = len(first), []
-    for matrix in (model.reduced_stiffness, by_points):
-        pairs.append((np.repeat(node, np.diff(matrix.indptr)), node[matrix.indices]))
+    n, matrices = len(first), (model.reduced_stiffness, by_points)
+    pairs = [(np.repeat(node, np.diff(matrix.indptr)), node[matrix.indices]) for matrix in matrices]
     rows, others = (np.concatenate([a, b, np.arange(n)]) for a, b in zip(*pairs, strict=True))
     graph = sp.csr_array(sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, others)), shape=(n, n)))
     rank, parts = dissected(places[first], graph)

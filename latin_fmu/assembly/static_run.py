@@ -71,23 +71,22 @@ class StaticMarch:
         made = {unit.name: f_hat[whole.layout.channels(j, 0)] for j, unit in enumerate(whole.units)}
         if whole.bonded:
             model, on_points = whole.model, f_hat[whole.channels] * whole.model.channel_area
-            forces = model.stiffness @ self._moved - self._load - model.trace.T @ on_points
-            for i, traction in self._bonds.tractions(forces[:, None]).items():
+            forces = model.stiffness @ self._moved - self.load(self.propagator.instant) - model.trace.T @ on_points
+            for i, traction in self.bonds.tractions(forces[:, None]).items():
                 made[units[i].name] = traction[0].reshape(layout.channels(i, 0).shape)
         return {unit.name: made[unit.name] for unit in units}
 
-    @property
-    def _load(self) -> Array:
-        """Loads (n_full,) on all bodies at the present instant, N."""
+    def load(self, instant: int) -> Array:
+        """Loads (n_full,) on all bodies at an instant, N."""
         one = self.propagator
-        loads = zip(one.members[0].loads, one.forcing.amplitudes[0], strict=True)
         total = np.zeros(self.whole.model.n_full)
-        for load, amplitude in loads:
-            total += amplitude[one.instant] * load.pattern
+        for load, amplitude in zip(one.members[0].loads, one.forcing.amplitudes[0], strict=True):
+            total += amplitude[instant] * load.pattern
         return total
 
     @cached_property
-    def _bonds(self) -> BondForces:
+    def bonds(self) -> BondForces:
+        """Tractions of the bonds."""
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in self.whole.models], format="csr"))
         return BondForces(self.whole.bonded, self.problem.layout, self.whole.trace, expansion)
 
