@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -56,6 +56,7 @@ from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 from .wave_pace import waves_count
+from .whole_march import WholeMarch
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -147,29 +148,6 @@ class Timeline:
             if self._scene.time.quasi_static:  # over the step that ends at each instant
                 ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])
         return ground
-
-
-class WholeMarch(Protocol):
-    """An assembly that is marched as one substructure: by its modes (``reduced_run``), or without inertia
-    (``static_fields``)."""
-
-    @property
-    def assembly(self) -> Assembly:
-        """Of the one substructure."""
-
-    @property
-    def stored(self) -> float:
-        """Elastic energy of all bodies at t = 0, J."""
-
-    @property
-    def in_words(self) -> str:
-        """What is marched."""
-
-    def settings(self, given: SolverSettings) -> SolverSettings:
-        """The rules of the iteration."""
-
-    def recorder(self, energy: bool) -> Recorder:
-        """That of the march."""
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def solved_at_once(scene: Scene, discretised: DiscretisedProblem, restricted: bo
 
 
 @dataclass(frozen=True)
-class _Motions:
+class DisplacementHistories:
     """Motion of all bodies.
 
     Attributes
@@ -156,7 +156,7 @@ class StaticRecorder(RecoveredRecorder):
     """Histories of the bodies and interfaces of a ``StaticRun``; parameters as for ``RecoveredRecorder``."""
 
     def _motions_of(self, march: Any, histories: Array) -> Any:
-        return _Motions(march, histories)
+        return DisplacementHistories(march, histories)
 
     def _gaps_of(self, kept: Array, opening: Array) -> Array:  # noqa: ARG002, gaps are those of the displacements
         return kept

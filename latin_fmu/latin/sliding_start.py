@@ -31,7 +31,7 @@ from .run_image import Stages
 
 LARGEST: Final = 1500
 """Relative motions up to which it is made: the matrix is dense."""
-_ROUNDS: Final = 16
+_ROUNDS: Final = 40
 _ITERATIONS, _DEPTH, _STEPS = 60, 8, 25  # of a round
 _CLOSER: Final = 1e-2  # than the tolerance of the run
 _ROUND_OFF: Final = 1e-12
@@ -152,12 +152,13 @@ class SlidingStart:
         return error
 
     def _stepped(self, enough: float) -> float:
-        """Newton steps from q, which is left at the end where they have met the laws; the residual there."""
+        """Newton steps from q, which becomes the best of their ends; the residual there."""
         q, best = self.q, np.inf
         for _ in range(_STEPS):
-            free, f_hat, apart, best = self._look(q)
+            free, f_hat, apart, error = self._look(q)
+            if error < best:
+                best, self.q = error, q
             if not best > enough:
-                self.q = q
                 break
             tangents = self._tangents(self._jump(free), f_hat)
             moved = 2.0 * self._r
@@ -165,7 +166,7 @@ class SlidingStart:
             matrix = tangents @ moved + self.k[:, None] * self._r
             matrix[np.diag_indices_from(matrix)] -= 1.0
             step, share = self._solved(matrix, -apart), 1.0
-            while share > _SHORTEST and not self._look(q + share * step)[3] <= (1.0 - 1e-4 * share) * best:
+            while share > _SHORTEST and not self._look(q + share * step)[3] <= (1.0 - 1e-4 * share) * error:
                 share *= 0.5
             q = q + share * step
         return best

@@ -341,12 +341,7 @@ class WindowRun(RunState, ABC):
             self._use(n, exact=True)
             self._begin_window(stages, guess)
             solver.solve(stages, record, number)
-        if self.assembly.quasi_static and not record.converged and n == 1 and suits(stages):
-            self._slide(stages, record)
-            solver.solve(stages, record, number)
-        if self.assembly.quasi_static and not record.converged:
-            self._restart(stages, record)
-            solver.solve(stages, record, number)
+        self._begin_anew(solver, stages, record, number)
         # the state at the start of the window comes back
         if not record.converged and n > 1:
             self.image.call(entries.LEAVE)
@@ -432,6 +427,14 @@ class WindowRun(RunState, ABC):
             self._record_instant(0)
         record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
         self.windows.append(record)
+
+    def _begin_anew(self, solver: WindowSolver, stages: Stages, record: WindowRecord, number: int) -> None:
+        """Begin a window without inertia once more, in the ways that there are, until its iteration converges."""
+        ways = [self._slide, self._restart] if stages.n == 1 and suits(stages) else [self._restart]
+        for begin in ways if self.assembly.quasi_static else []:
+            if not record.converged:
+                begin(stages, record)
+                solver.solve(stages, record, number)
 
     def _slide(self, stages: Stages, record: WindowRecord) -> None:
         """Begin the window once more with what Newton's method on all relative motions finds, where it finds it."""

@@ -230,12 +230,13 @@ def shaken_plate(tolerance: float, **more: Any) -> Tables:
 
 
 def test_a_plate_that_its_weight_presses_is_trustworthy() -> None:
-    """Points have sunk by more than the elastic approach, which takes no force from a weight; the force is right."""
+    """Points have sunk by more than the elastic approach, which takes no force from a weight; the force is right, to an
+    eighth of what strays at eight times the tolerance. Within that it depends on the round-off of the start."""
     solution = solve(shaken_plate(1e-4))
     history = solution.interfaces["table"]
     approach = 0.01 * 0.765e3 / 210e9
     assert history.sunk().max() > 0.01 * approach
-    np.testing.assert_allclose(history.normal_resultant(), WEIGHT, rtol=1e-3)
+    np.testing.assert_allclose(history.normal_resultant(), WEIGHT, rtol=5e-3)
     assert solution.trustworthy
     assert not [w for w in solution.warnings if w.code == "sinking"]
 
