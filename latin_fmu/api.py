@@ -445,7 +445,12 @@ def _made(
         size = 1 if processes is None else processes.size
         modal, reasons = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
         try:
-            problem = solver_ready(discretised, {}, size, stages, modal)
+            at_once = False
+            if scene.time.quasi_static:
+                from .assembly.static_fields import solved_at_once
+
+                at_once = solved_at_once(scene, discretised, wanted or size > 1 or how[2])
+            problem = solver_ready(discretised, {}, size, stages, modal, at_once)
         except TieError as error:
             modal, reasons = False, [str(error)]
         if reasons:
@@ -456,7 +461,9 @@ def _made(
             problem = replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
             return problem, prediction, tangent
         if scene.time.quasi_static:
-            problem.assembly.lost = loss_of_equilibrium(discretised)
+            lost = loss_of_equilibrium(discretised)
+            for held in (problem.assembly, problem.assembly if problem.reduced is None else problem.reduced.assembly):
+                held.lost = lost
     return problem, prediction, tangent
 
 
@@ -537,14 +544,24 @@ def _marched(
             march.all()
         march.join()
         if reduced is not None:
-            from .assembly.recovered_fields import RecoveredRecorder
-
-            recorder = RecoveredRecorder(reduced, recorder, replace(problem.output, watch=True), problem.info)
+            recorder = _recorder_of_bodies(problem, recorder)
     outcome = _outcome(problem, march, recorder)
     timings.other = clock.process_time() - ready - timings.march
     timings.wall = clock.perf_counter() - wall
     timings.peak_memory = peak_memory()
     return outcome, recorder
+
+
+def _recorder_of_bodies(problem: SolverReadyProblem, marched: Recorder) -> Recorder:
+    """Histories of the bodies of a problem whose assembly was marched as one substructure, from those of that."""
+    whole, output = cast(Any, problem.reduced), replace(problem.output, watch=True)
+    if problem.assembly.quasi_static:
+        from .assembly.static_fields import StaticRecorder
+
+        return StaticRecorder(whole, marched, output, problem.info)
+    from .assembly.recovered_fields import RecoveredRecorder
+
+    return RecoveredRecorder(whole, marched, output, problem.info)
 
 
 def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Outcome:
@@ -553,7 +570,8 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, bodies = recorder.interfaces(), recorder.substructures()
     balance, indicators, n_body = (
-        resultants(problem, march.tractions, histories),
+        # of the bodies, where the assembly was solved at once
+        resultants(problem, march.tractions if problem.reduced is None else recorder.rows.f_hat[-1], histories),
         march.named_indicator(),
         assembly.n_substructure,
     )

@@ -78,7 +78,8 @@ def test_json_is_alone_on_stdout(scene: str, capsys: pytest.CaptureFixture[str])
 
 
 def test_a_run_loads_what_it_needs(scene: str) -> None:
-    """The libraries and modules that a run of boxes without modes leaves out, and NumPy as it was: its tools can be imported afterwards."""
+    """The libraries and modules that a run of boxes without modes leaves out, and NumPy as it was: its tools can be
+    imported afterwards."""
     code = (
         "import sys; from latin_fmu.cli import main; "
         f"assert main(['run', {scene!r}, '--quiet']) == 0; "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ..errors import Problems, SceneError
+from ..errors import Problems, SceneError, SolverError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
 from ..laws.maxwell_joint import MaxwellJoint
@@ -61,6 +61,7 @@ from .statics import (
 )
 from .supports import port_places
 from .threads import with_threads
+from .tied_assembly import TieError
 from .untouched import never_touched
 
 if TYPE_CHECKING:
@@ -92,11 +93,20 @@ def solver_ready(
     processes: int = 1,
     stages: list[Stage] | None = None,
     modal: bool = False,
+    at_once: bool = False,
 ) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
     ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
-    whether the assembly is marched by its modes."""
+    whether the assembly is marched by its modes. at_once : whether one without inertia is solved over all bodies
+    together, where it can be."""
     start = starting_equilibrium(discretised, amplitudes, stages)
+    if at_once:
+        from .static_fields import static_problem_at_once
+
+        try:
+            return static_problem_at_once(discretised, start)
+        except (TieError, SolverError):  # bonds between driven faces, bodies that float: one by one
+            pass
     if modal:
         from .modal_problem import modal_problem
 

@@ -242,7 +242,7 @@ def _run(stage: Stage, copies: Sequence[_Copy], progress: Progress | None) -> Ru
             _renamed(copy.start, i).hand_over(assembly)
         for c in copy.classes:
             histories |= {named(i, m.name): timeline.histories(m, time) for m in c.members}
-        own_ground = timeline.ground(stage.ready.assembly, time)
+        own_ground = timeline.ground(stage.ready.assembly.interfaces, time)
         ground |= {i * len(base.units) + number: velocity for number, velocity in own_ground.items()}
         request = copy.problem.output(copy.bolts)
         sensors |= copied(request.sensors, i)

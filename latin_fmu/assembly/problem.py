@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
 from ..latin.probes import OutputRequest, SensorPlace
-from ..latin.recorder import SubstructureInfo
+from ..latin.recorder import Recorder, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, SolverSettings
 from ..laws.maxwell_joint import MaxwellJoint
@@ -56,9 +56,7 @@ from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 from .wave_pace import waves_count
-
-if TYPE_CHECKING:
-    from .reduced_run import ReducedMarch
+from .whole_march import WholeMarch
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -110,7 +108,7 @@ class Timeline:
         dt = float(time[1] - time[0]) if dt is None else dt
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self.ground(assembly, time, given), ground_start)
+        assembly.begin(time, dt, self.ground(assembly.interfaces, time, given), ground_start)
 
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
@@ -134,10 +132,12 @@ class Timeline:
             return ramp
         return given[name] if name in given else sampled(self._laws[name], time)
 
-    def ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array] = NO_ELONGATION) -> dict[int, Array]:
+    def ground(
+        self, interfaces: Sequence[InterfaceUnit], time: Array, given: Mapping[str, Array] = NO_ELONGATION
+    ) -> dict[int, Array]:
         """Velocities (n_time, 3) of the ground by interface, m s-1; ``given`` as for ``begin``."""
         ground = {}
-        for i, unit in enumerate(assembly.interfaces):
+        for i, unit in enumerate(interfaces):
             if not unit.against_ground:
                 continue
             moving = self._scene.joints[unit.name].ground_velocity
@@ -178,8 +178,12 @@ class SolverReadyProblem:
     """What is left out of the run, None where nothing is."""
     unforeseen: Mapping[str, str] = field(default_factory=dict)
     """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
-    reduced: ReducedMarch | None = None
-    """The assembly by its modes, which is marched in the place of its bodies; None where these are."""
+    reduced: WholeMarch | None = None
+    """The whole assembly, which is marched in the place of its bodies; None where these are."""
+
+    def recorder(self) -> Recorder:
+        """One that keeps what the scene asks for, in memory."""
+        return Recorder(self.assembly, self.output, self.info)
 
     @property
     def choices(self) -> dict[str, str]:
@@ -416,7 +420,7 @@ def ready(
     problem: DiscretisedProblem,
     assembly: Assembly,
     about: tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]],
-    reduced: ReducedMarch | None = None,
+    reduced: WholeMarch | None = None,
 ) -> SolverReadyProblem:
     """The problem with its operators; ``about`` : remarks, histories, start, time scheme, landings that it was not
     chosen for."""

@@ -8,7 +8,7 @@ Bonds are no unknowns of the march. Their tractions F follow from the equilibriu
 
     T^T area F = K u + C v + M a - f - (forces of the other interfaces)
 
-in the least-squares sense over the dofs at bonded faces, as each bond is met from both sides.
+(``bond_forces``).
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from typing import Any, Final
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, WORK_OF_LOADS
 from ..latin.assembly import Array, Index
@@ -29,12 +28,12 @@ from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
 from ..propagator.model import SubstructureModel, closest_reduced
+from .bond_forces import BondForces
 from .reduced_run import NAME, ReducedMarch
 from .tied_assembly import jump_rows
 
 _EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
-_REGULAR: Final = 1e-12  # of the diagonal of the system of the bonds: what goes round in loops becomes zero
 
 
 def compressed(histories: Array) -> Array:
@@ -115,11 +114,21 @@ class Motions:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
         return np.asarray(self.amplitudes[kind] @ np.asarray(rows @ self.shapes).T)
 
+    def sensed(self, rows: sp.csr_array, model: SubstructureModel) -> Array:
+        """Displacements, velocities, accelerations of rows (k, n_full) of a body, and what internal forces take for
+        displacements, (n_time, 4, k)."""
+        shapes = np.asarray(rows @ self.shapes)
+        return np.stack([a @ shapes.T for a in (*self.amplitudes, self.strains(model))], axis=1)
+
+    def full(self, where: slice, kind: int, instants: Index | slice) -> Array:
+        """Those of full dofs at instants, (n_instant, k)."""
+        return np.asarray(self.amplitudes[kind][instants] @ self.shapes[where].T)
+
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
         """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
         own = sp.csr_array(rows)
-        where = self.march.reduced.tied.where[name]
-        shape = own.shape[0], len(self.shapes)
+        where = self.march.tied.where[name]
+        shape = own.shape[0], self.shapes.shape[0]
         return sp.csr_array((own.data, own.indices + where.start, own.indptr), shape=shape)
 
     def strains(self, model: SubstructureModel) -> Array:
@@ -176,25 +185,7 @@ class Motions:
         if not bonded:
             return {}
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
-        forces, counts = list[sp.csr_array](), list[int]()
-        for i in bonded:
-            areas = layout.area[layout.channels(i, 0).ravel()]
-            rows = sp.diags_array(areas) @ jump_rows(layout, tied.trace, i)
-            forces.append(sp.csr_array(rows @ expansion))
-            counts.append(len(areas))
-        matrix = sp.csr_array(sp.vstack(forces))
-        dofs = np.unique(matrix.indices)
-        matrix = sp.csr_array(matrix[:, dofs])
-        wanted = (expansion.T @ (self.internal_forces() - others))[dofs]
-        # each dof by the area that it carries
-        weight = np.asarray(abs(matrix).sum(axis=0)).ravel()
-        weighted = matrix @ sp.diags_array(1.0 / np.maximum(weight, np.finfo(float).tiny))
-        system = sp.csc_array(weighted @ matrix.T)
-        diagonal = system.diagonal()
-        system = sp.csc_array(system + sp.diags_array(_REGULAR * diagonal + np.where(diagonal > 0.0, 0.0, 1.0)))
-        solved = spla.splu(system).solve(np.ascontiguousarray(weighted @ wanted))
-        ends = np.cumsum(counts)
-        return {i: solved[end - count : end].T for i, count, end in zip(bonded, counts, ends.tolist(), strict=True)}
+        return BondForces(bonded, layout, tied.trace, expansion).tractions(self.internal_forces() - others)
 
 
 class RecoveredRecorder(Recorder):
@@ -211,10 +202,10 @@ class RecoveredRecorder(Recorder):
     ) -> None:
         super().__init__(march.bodies, request, info)
         self.n_kept = n = kept.n_kept
-        self._march, self._motions = march, Motions(march, kept.series("path")[NAME])
+        self._march, self._motions = march, self._motions_of(march, kept.series("path")[NAME])
         inner, assembly = kept.rows, march.bodies
         layout, own = assembly.layout, march.assembly.layout
-        tied = march.reduced.tied
+        tied = march.tied
         rows = self.rows
         flat_f, flat_w = rows.f_hat[:n], rows.w_hat[:n]
         flat_w[:] = self._motions.of(tied.trace, 1)
@@ -228,11 +219,9 @@ class RecoveredRecorder(Recorder):
             group, inner_group = layout.group(i), own.group(j)
             g, h = layout.groups.index(group), own.groups.index(inner_group)
             if g in rows.gaps:
-                # as the law has moved the sides: the scheme of the march adds up their velocities
-                opening = (inner.w_hat[1:n][:, far[:, 0]] - inner.w_hat[1:n][:, near[:, 0]]) * assembly.dt
-                first_gap = inner.gaps[h][:1, inner_group.members[j]]
-                gap = np.cumsum(np.concatenate([first_gap, opening]), axis=0)
-                rows.gaps[g][:n, group.members[i]] = gap
+                own_gaps = inner.gaps[h][:n, inner_group.members[j]]
+                opening = inner.w_hat[1:n][:, far[:, 0]] - inner.w_hat[1:n][:, near[:, 0]]
+                rows.gaps[g][:n, group.members[i]] = self._gaps_of(own_gaps, opening)
         self._layers(flat_f)
         forces = tied.trace.T @ (layout.area[:, None] * flat_f.T)
         for i, traction in self._motions.bond_tractions(np.asarray(forces)).items():
@@ -248,6 +237,15 @@ class RecoveredRecorder(Recorder):
             self._series["energy"]["drift"][:n] = kept.series("energy")["drift"]
         self._leave(n)
 
+    def _motions_of(self, march: Any, histories: Array) -> Any:
+        """Motion of the bodies by the histories of all dofs of the march."""
+        return Motions(march, histories)
+
+    def _gaps_of(self, kept: Array, opening: Array) -> Array:
+        """Gaps (n_time, n_point) by those kept, and velocities of opening of the law (n_time - 1, n_point)."""
+        # as the law has moved the sides: the scheme of the march adds up their velocities
+        return np.cumsum(np.concatenate([kept[:1], opening * self._march.bodies.dt]), axis=0)
+
     def _ground(self, flat: Array) -> None:
         """Velocities of the ground."""
         assembly = self._march.bodies
@@ -258,7 +256,7 @@ class RecoveredRecorder(Recorder):
     def _layers(self, flat_f: Array) -> None:
         """Tractions of springs between sides."""
         march, n = self._march, len(flat_f)
-        layout, tied = march.bodies.layout, march.reduced.tied
+        layout, tied = march.bodies.layout, march.tied
         for i in tied.joints.linear:
             group, channels = layout.group(i), layout.channels(i, 0)
             # of E' over E, as laws take it
@@ -271,7 +269,7 @@ class RecoveredRecorder(Recorder):
 
     def _slide(self) -> None:
         """Tangential velocities of interfaces without tangential unknowns."""
-        tied, n = self._march.reduced.tied, self.n_kept
+        tied, n = self._march.tied, self.n_kept
         models = {m.name: m for m in tied.models}
         for i, slide in self.rows.slide.items():
             unit = self._march.bodies.interfaces[i]
@@ -296,8 +294,7 @@ class RecoveredRecorder(Recorder):
                 model = assembly.propagators[c].members[member]
                 full = place.full_rows(model, False)
                 full = full if model.nodal is None else full @ model.nodal
-                rows = np.asarray(motions.placed(place.substructure, sp.csr_array(full)) @ motions.shapes)
-                values = np.stack([a @ rows.T for a in (*motions.amplitudes, motions.strains(model))], axis=1)
+                values = motions.sensed(motions.placed(place.substructure, sp.csr_array(full)), model)
                 values = values if assembly.propagators[c].n_sensed > 3 else values[:, :3]
                 of = Reading(assembly, c, member, slice(0, n), self.rows.f_hat[:n])
                 self._series[key][name][:n] = place.read(values, of)
@@ -305,9 +302,9 @@ class RecoveredRecorder(Recorder):
     def _nodes(self, name: str, kind: int, instants: Index) -> Array:
         """Displacements or velocities (n, n_node, 3) of the nodes of a body at instants."""
         motions = self._motions
-        where = self._march.reduced.tied.where[name]
-        model = next(m for m in self._march.reduced.tied.models if m.name == name)
-        moved = motions.amplitudes[kind][instants] @ motions.shapes[where].T
+        tied = self._march.tied
+        model = next(m for m in tied.models if m.name == name)
+        moved = motions.full(tied.where[name], kind, instants)
         moved = moved if model.nodal is None else moved @ model.nodal.T
         return np.asarray(moved.reshape(len(instants), -1, 3))
 
@@ -382,8 +379,8 @@ class RecoveredRecorder(Recorder):
 
     def _leave(self, n: int) -> None:
         """Leave the bodies in their motion at the end."""
-        where = self._march.reduced.tied.where
-        u, v = (amplitudes[-1] @ self._motions.shapes.T for amplitudes in self._motions.amplitudes[:2])
+        where, every = self._march.tied.where, slice(None)
+        u, v = (self._motions.full(every, kind, slice(n - 1, n))[0] for kind in (0, 1))
         for propagator in self._march.bodies.propagators:
             fields, forcing = [], propagator.forcing
             propagator.instant = n - 1

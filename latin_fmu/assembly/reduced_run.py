@@ -57,11 +57,15 @@ class BodyMotions(Propagator):
 
     def _build(self, dt: float) -> Operators:  # noqa: ARG002, the same for all steps
         model = self.members[0]
-        mass, damping, stiffness = model.reduced
+        if model.mass is None:
+            n, stiffness = model.expansion.shape[1], model.reduced_stiffness
+            mass, damping, massless = sp.csr_array((n, n)), None, np.zeros(0, dtype=np.int64)
+        else:
+            (mass, damping, stiffness), massless = model.reduced, model.massless
         dofs, trace, _ = model.at_interface
         factor: Any = None
         same = mass, damping, stiffness, factor, dofs, trace, model.spread, model.channel_area
-        return Operators(*same, _Moves(trace), model.massless)
+        return Operators(*same, _Moves(trace), massless)
 
     def internal_forces(self) -> tuple[Array, Array]:
         """K u and C v of the free dofs, (n_dof, n_member), N."""
@@ -161,6 +165,11 @@ class ReducedMarch:
     units: tuple[int, ...]
     cutoff: float
     stored: float
+
+    @property
+    def tied(self) -> TiedAssembly:
+        """The assembly whose modes these are."""
+        return self.reduced.tied
 
     @property
     def in_words(self) -> str:

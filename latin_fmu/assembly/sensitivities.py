@@ -632,7 +632,7 @@ def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequenc
     """Derivatives of the velocities of the ground of the copies."""
     made, n = dict[int, Array](), len(base.interfaces)
     for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
-        more, less = (end.timeline.ground(base, end.time) for end in pair)
+        more, less = (end.timeline.ground(base.interfaces, end.time) for end in pair)
         made |= {copy * n + i: parameter.of(more[i], less[i]) for i in more}
     return made
 

@@ -28,11 +28,6 @@ from ..fem.mesh import Array
 from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
 from ..latin.interface_rows import InterfaceRows
-from ..latin.outcome import Timings
-from ..latin.recorder import Recorder
-from ..latin.settings import SolverSettings
-from ..latin.windows import Run
-from ..propagator import StaticPropagator
 from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, PrescribedAcceleration, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
@@ -47,6 +42,7 @@ from .bolt_ends import unheld_ends
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
 from .displaced_starts import at_rest
+from .equilibrium import Equilibrium, equilibrium
 from .falling_bodies import closed_by_strains, falling_groups, falling_parts, held_in_place, relieved, sheared_alone
 from .free_bodies import (
     FreeGroup,
@@ -66,8 +62,6 @@ from .places_at_rest import PRESSED, TOUCHES, gaps_of, least_displaced
 from .press_fits import interference, loose_remarks, sliding_ones, strain_remark
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of, static_traction
 
-_UNSEEN = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
-TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
 _MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment
 _NO_VISCOSITY: Final[Mapping[str, float]] = MappingProxyType({"viscosity": 0.0, "lateral_viscosity": 0.0})
@@ -198,20 +192,20 @@ def static_state(
     if whole.scene.time.quasi_static or not something_acts(scene):  # without inertia the loads come in its increments
         return tight if tight is None else replace(tight, amplitudes=dict(amplitudes))
     discretised = static_problem(whole, scene)
-    problem, run, state = _solved_start(whole, discretised, amplitudes, tight, kept)
+    found, state = _solved_start(whole, discretised, amplitudes, tight, kept, stages is not None)
     size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
     closed = closed_by_strains(whole, before, state.traction, PRESSED * size)
     if loose := closed or sheared_alone(whole, state.traction, PRESSED * size):
         other = static_problem(whole, scene, without=loose)
-        solved = _solved_start(whole, other, amplitudes, tight, kept)
-        overlaps = _overlaps(whole, solved[2], loose, size)
+        solved = _solved_start(whole, other, amplitudes, tight, kept, stages is not None)
+        overlaps = _overlaps(whole, solved[1], loose, size)
         if closed and overlaps:
             raise SceneError(overlaps, "the scene cannot be built")
         if not overlaps:
-            discretised, (problem, run, state) = other, solved
+            discretised, (found, state) = other, solved
     if stages is not None:
         end = state if tight is None else replace(state, bolts=tight.bolts)
-        stages.append(Stage(discretised, problem, run.recorder.rows, tight, kept, static=True, end=end))
+        stages.append(Stage(discretised, found.of_bodies, found.run.recorder.rows, tight, kept, static=True, end=end))
     if tight is None:
         return state
     remarks = tuple(dict.fromkeys((*tight.remarks, *state.remarks)))
@@ -232,20 +226,21 @@ def _solved_start(
     amplitudes: Mapping[str, float],
     tight: InitialState | None,
     kept: Kept,
-) -> tuple[SolverReadyProblem, Run, InitialState]:
+    bodies: bool,
+) -> tuple[Equilibrium, InitialState]:
     """The static problem ``discretised`` of a start, solved, and its equilibrium, in which interfaces that it lacks
-    carry nothing."""
+    carry nothing; ``bodies`` as for ``equilibrium``."""
     if (lost := loss_of_equilibrium(discretised)) is not None:
         raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
-    problem, run, tolerance = equilibrium(discretised, tight, settings_of(whole.scene), kept)
-    converged, sentence = run.status()
+    found = equilibrium(discretised, tight, settings_of(whole.scene), kept, bodies)
+    converged, sentence = found.run.status()
     if not converged:
         raise _no_start(sentence)
-    state = state_at_end(problem, run, amplitudes, tolerance)
+    state = found.state(amplitudes)
     present, static = {unit.name for unit in discretised.units}, static_interfaces(whole.scene)
     absent = [unit for unit in whole.units if unit.name in static and unit.name not in present]
     nothing = {u.name: np.zeros((u.geometry.n_point, u.behaviour.n_component)) for u in absent}
-    return problem, run, replace(state, traction={**state.traction, **nothing})
+    return found, replace(state, traction={**state.traction, **nothing})
 
 
 def _overlaps(whole: DiscretisedProblem, state: InitialState, loose: Collection[str], size: float) -> Problems:
@@ -268,32 +263,6 @@ def _overlaps(whole: DiscretisedProblem, state: InitialState, loose: Collection[
     return problems
 
 
-def equilibrium(
-    discretised: DiscretisedProblem, start: InitialState | None, own: SolverSettings, kept: Kept
-) -> tuple[SolverReadyProblem, Run, float]:
-    """The static problem solved from an initial state, its run and its tolerance; the run has not converged where no
-    tolerance is reached, ``own`` of the scene neither."""
-    tolerance = force = TIGHT[0]
-    while True:
-        problem = discretised.build(start, kept)
-        problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
-        run = Run(
-            problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings()
-        )
-        run.all()
-        if run.status()[0] or tolerance == own.tolerance:
-            break
-        # Soft supports of stiff bodies leave round-off above the tight tolerances.
-        reached = 2.0 * max((max(w.final_error, w.final_mismatch) for w in run.windows), default=np.inf)
-        # what round-off left allows, doubled: the next run must be able to meet it
-        next_one = max(TIGHT[1], reached)
-        if tolerance == TIGHT[0] and next_one < own.tolerance:
-            tolerance = force = next_one
-        else:
-            tolerance, force = own.tolerance, own.force_tolerance
-    return problem, run, tolerance
-
-
 def _no_start(why: str) -> SceneError:
     return SceneError.of(
         "the scene cannot be built",
@@ -303,38 +272,6 @@ def _no_start(why: str) -> SceneError:
         "given",
         'hold what slides or topples, or set time.start = "given"',
     )
-
-
-def state_at_end(
-    problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, float], tolerance: float
-) -> InitialState:
-    """Displacements, tractions and gaps at the end of the static run."""
-    assembly, displacement = problem.assembly, {}
-    for p in assembly.propagators:
-        assert isinstance(p, StaticPropagator)
-        imposed = p.forcing.imposed_u(p.instant)
-        for j, member in enumerate(p.members):
-            displacement[member.name] = member.expansion @ p.state.u[:, j] + imposed[:, j]
-    traction, closure = {}, {}
-    gaps = dict(zip(map(id, assembly.layout.groups), run.gaps(), strict=True))
-    for i, unit in enumerate(assembly.interfaces):
-        group = assembly.layout.group(i)
-        points = group.members[i]
-        traction[unit.name] = group.block(run.f_hat)[0, points]
-        if unit.behaviour.opens and not unit.behaviour.elastic:
-            # pressed points are closed: what gap they have is a residual of the iteration
-            closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
-    windows = run.windows
-    message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
-    remarks = (
-        ()
-        if tolerance <= _UNSEEN
-        else (
-            f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
-            "the residual forces excite vibrations; lower solver.tolerance, or refine where bodies touch",
-        )
-    )
-    return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)
 
 
 def static_problem(
@@ -608,16 +545,16 @@ def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = N
     scene = scene.model_copy(update={"time": scene.time.model_copy(update={"instants": 1})})
     units = sliding_ones(whole.units)
     problem = replace(static_problem(replace(whole, units=units), scene), ramps=TightBolts().locked(whole.cuts))
-    ready, run, tolerance = equilibrium(problem, None, settings_of(whole.scene), kept)
-    converged, sentence = run.status()
+    found = equilibrium(problem, None, settings_of(whole.scene), kept, stages is not None)
+    converged, sentence = found.run.status()
     if not converged:
         raise _no_start(f"the press fits are not carried: {sentence}")
-    state = state_at_end(ready, run, {}, tolerance)
+    state = found.state({})
     if stages is not None:
-        stages.append(Stage(problem, ready, run.recorder.rows, None, kept, True, False, (), state))
+        stages.append(Stage(problem, found.of_bodies, found.run.recorder.rows, None, kept, True, False, (), state))
     said = [strain_remark(whole.bodies, problem.units, state.displacement, scene.unit_system["m"])]
     said += loose_remarks(problem.units, state.traction, problem.characteristic_traction)
-    words = f"press fits closed, {sum(window.iterations for window in run.windows)} iterations"
+    words = f"press fits closed, {sum(window.iterations for window in found.run.windows)} iterations"
     return replace(state, message=words, remarks=(*state.remarks, *said))
 
 
@@ -644,23 +581,25 @@ def tightened(
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
         free = [cut.name for cut in group if cut.tension is not None]
         problem = replace(static_problem(whole, scene, free), ramps=ramps)
-        ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
-        converged, sentence = run.status()
+        found = equilibrium(problem, state, settings_of(whole.scene), kept, stages is not None)
+        converged, sentence = found.run.status()
+        windows = found.run.windows
         if not converged:
             # increments that converged are the share of the way that was made
-            share = sum(window.converged for window in run.windows) / scene.time.n_step
+            share = sum(window.converged for window in windows) / scene.time.n_step
             raise _not_tight(group, ramps, share, sentence, scene.unit_system)
-        increments += len(run.windows)
-        iterations += sum(window.iterations for window in run.windows)
-        rows, before, names = run.recorder.rows, state, tuple(cut.name for cut in group)
-        state = state_at_end(ready, run, {}, tolerance)
+        increments += len(windows)
+        iterations += sum(window.iterations for window in windows)
+        before, names = state, tuple(cut.name for cut in group)
+        state = found.state({})
         remarks |= dict.fromkeys(state.remarks)
         bolts = _locked(bolts, order, group, cuts, state)
         if stages is not None:
             end = replace(state, bolts=bolts)
-            stages.append(Stage(problem, ready, rows, before, kept, True, False, names, end))
-        # their factors are freed before those of the next order are made
-        del ready, run
+            rows = found.run.recorder.rows
+            stages.append(Stage(problem, found.of_bodies, rows, before, kept, True, False, names, end))
+        # its factors are freed before those of the next order are made
+        del found, windows
     assert state is not None, "a scene without bolts"
     _check_yield(whole, bolts)
     words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"

@@ -273,10 +273,10 @@ class TiedAssembly:
         """
         models, joints = [m for c in classes for m in c.members], Joints.of(units)
         where, n_full = consecutive({m.name: m.n_full for m in models})
-        trace = _trace(classes, layout, where, n_full)
+        trace = channel_trace(classes, layout, where, n_full)
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
         driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
-        rows, weights, channels = _rows(units, layout, trace, joints)
+        rows, weights, channels = joint_rows(units, layout, trace, joints)
         made = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
         there = np.flatnonzero(made.exists)
         both = sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]]))
@@ -315,7 +315,7 @@ class TiedAssembly:
         return len(self.channels)
 
 
-def _trace(classes: Sequence[ModelClass], layout: Layout, where: Mapping[str, slice], n: int) -> sp.csr_array:
+def channel_trace(classes: Sequence[ModelClass], layout: Layout, where: Mapping[str, slice], n: int) -> sp.csr_array:
     """Trace (n_flat, n_full) from the full dofs of all bodies to the channels."""
     rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     for c in classes:
@@ -328,7 +328,7 @@ def _trace(classes: Sequence[ModelClass], layout: Layout, where: Mapping[str, sl
     return sp.csr_array(sp.coo_array(entries, shape=(layout.n_flat, n)))
 
 
-def _rows(
+def joint_rows(
     units: Sequence[InterfaceUnit], layout: Layout, trace: sp.csr_array, joints: Joints
 ) -> tuple[sp.csr_array, sp.csr_array, Index]:
     """Rows J (k, n_full) in global axes where a point has three components, their weights (k, n_r), and the channels

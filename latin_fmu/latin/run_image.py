@@ -383,9 +383,9 @@ class Stages:
     def points_one_by_one(self, f_hat: Array) -> None:
         """Set q of one instant by the solution point by point, from tractions f_hat (n_flat,)."""
         self.free_motion()
-        gaps, w = [self._reach(g) for g in range(len(self._groups))], self.image.field("w", self.image.n_flat).copy()
+        gaps, w = [self.reach(g) for g in range(len(self._groups))], self.image.field("w", self.image.n_flat).copy()
         made_up = self.made_up()
-        solved = self.direction.points.solve(w + made_up, f_hat, gaps, self._rates())
+        solved = self.direction.points.solve(w + made_up, f_hat, gaps, self.rates())
         # the solution has the drift made up in its velocities, q has not (``kernels.local_stage``)
         self.field("q")[0] = self.direction.incoming(*solved) - self.direction.k * made_up
 
@@ -407,13 +407,14 @@ class Stages:
         """The largest value over all processes of the run."""
         return value
 
-    def _reach(self, g: int) -> Array:
+    def reach(self, g: int) -> Array:
         """The argument ``reach`` of the law of a group, (n_point, n_component or 1), a copy."""
         group = self._groups[g]
         width = group.n_component if group.behaviour.elastic else 1
         return self.image.group_field(g, "reach", group.n_point, width).copy()
 
-    def _rates(self) -> tuple[float, float]:
+    def rates(self) -> tuple[float, float]:
+        """The argument ``rate`` of laws that read no displacement, and of elastic ones, s-1."""
         return float(1.0 / self.image.run[0]["dt"]), float(self.image.run[0]["layer_rate"])
 
     def disagreement(self) -> float:

@@ -485,7 +485,7 @@ class SharedStages(Stages):
         reach = np.zeros(image.n_flat)
         for g, group in enumerate(self._groups):
             # one field for all groups: at the places of side E
-            own = self._reach(g)
+            own = self.reach(g)
             group.block(reach)[0, :, : own.shape[1]] = own
         made_up = self.made_up()
         free = image.field("w", image.n_flat) + made_up
@@ -494,7 +494,7 @@ class SharedStages(Stages):
         for group in whole.assembly.layout.groups:
             width = group.n_component if group.behaviour.elastic else 1
             gaps.append(np.ascontiguousarray(group.block(wide_reach)[0, :, :width]))
-        solved = whole.points.solve(free, wide_f, gaps, self._rates())
+        solved = whole.points.solve(free, wide_f, gaps, self.rates())
         # k of the part times what is made up: q of the sides and not of the laws
         self.field("q")[0] = whole.incoming(*solved)[exchange.part.channels] - self.direction.k * made_up
 

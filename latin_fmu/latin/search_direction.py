@@ -27,14 +27,13 @@ from ..propagator import Propagator
 from ..propagator.interface_matrices import resistance
 from ..propagator.interface_probing import ROUGH, Points, Table, interface_tables, truncation_of
 from ..propagator.interface_sweeps import long_steps, stiffness_over_inertia
-from ..propagator.static import StaticPropagator
+from ..propagator.static import StaticPropagator, without_round_off
 from .assembly import Array, Assembly, Index
 from .coarse_problem import CoarseProblem
 from .instant_solve import PointByPoint
 from .settings import SearchDirection, SolverSettings
 from .tied_bodies import tied_fields, tied_size
 
-_STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
 _CLOSE: Final = 1e-7  # tolerance from which on dense tables may be in single precision
@@ -114,28 +113,18 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
 def _diagonal(assembly: Assembly) -> Array:
     """1 / D_ii; one tangential value per point (the largest admittance of its two directions)."""
     admittance = assembly.gather(
-        [
-            _without_round_off(p.operators.compliance.diagonal() * p.operators.area)[:, None]
-            for p in assembly.propagators
-        ]
+        [without_round_off(p.operators.compliance.diagonal() * p.operators.area)[:, None] for p in assembly.propagators]
     )
     return _inverse(_one_tangent(assembly, admittance))
 
 
 def _static(assembly: Assembly) -> Array:
-    """1.5 sqrt(k_0 S_ii) over an increment: k_0 the stiffness of the body as a whole (soft, for loads that cross it),
-    S_ii that of one point (stiff, for what stays near the face; ``StaticOperators.diagonal``); one tangential value."""
+    """The direction of the operators over an increment (``propagator.static``); one tangential value."""
     stiffness = np.zeros(assembly.layout.n_flat)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         assert isinstance(propagator, StaticPropagator)
-        own = _without_round_off(propagator.operators.diagonal)
-        stiffness[channels] = (_STATIC * np.sqrt(propagator.operators.springs * own))[:, None]
+        stiffness[channels] = propagator.operators.direction[:, None]
     return assembly.dt * _one_tangent(assembly, stiffness)
-
-
-def _without_round_off(values: Array) -> Array:
-    """Entries that are round-off of the largest of their substructure (held directions) become 0."""
-    return np.where(values > 1e-12 * values.max(initial=0.0), values, 0.0)
 
 
 def _one_tangent(assembly: Assembly, values: Array) -> Array:
@@ -337,7 +326,7 @@ class Direction:
             self.tables = self._made_tables() if self.tables is None else self.tables
             for propagator, tables in zip(self.assembly.propagators, self.tables, strict=True):
                 propagator.tables = {name: table for name, table in tables.items() if not (exact and name == "y")}
-        if self.assembly.quasi_static:
+        if self.assembly.quasi_static and not any(p.joined for p in self.assembly.propagators):
             # Y of the classes, which the coarse problem takes one after the other
             in_threads(self._settings.threads, lambda p: p.condensed, self.assembly.propagators)
             self.coarse = CoarseProblem(self.assembly, self.k)

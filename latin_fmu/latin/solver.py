@@ -34,10 +34,11 @@ from .run_image import Iterate, Stages, rules
 from .run_state import RunState
 from .search_direction import Direction
 from .settings import SolverSettings
+from .sliding_start import sliding_start, suits
 from .status import BALANCED
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "point by point"
-SOFTENED, FROM_REST = "softened start", "start from rest"
+SOFTENED, FROM_REST, SLIDING = "softened start", "start from rest", "Newton's method on all relative motions"
 COLD = "default first guess"  # where that of other runs does not converge
 _AFTER_POINTS = 20  # iterations after the solution point by point
 
@@ -340,9 +341,7 @@ class WindowRun(RunState, ABC):
             self._use(n, exact=True)
             self._begin_window(stages, guess)
             solver.solve(stages, record, number)
-        if self.assembly.quasi_static and not record.converged:
-            self._restart(stages, record)
-            solver.solve(stages, record, number)
+        self._begin_anew(solver, stages, record, number)
         # the state at the start of the window comes back
         if not record.converged and n > 1:
             self.image.call(entries.LEAVE)
@@ -428,6 +427,23 @@ class WindowRun(RunState, ABC):
             self._record_instant(0)
         record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
         self.windows.append(record)
+
+    def _begin_anew(self, solver: WindowSolver, stages: Stages, record: WindowRecord, number: int) -> None:
+        """Begin a window without inertia once more, in the ways that there are, until its iteration converges."""
+        ways = [self._slide, self._restart] if stages.n == 1 and suits(stages) else [self._restart]
+        for begin in ways if self.assembly.quasi_static else []:
+            if not record.converged:
+                begin(stages, record)
+                solver.solve(stages, record, number)
+
+    def _slide(self, stages: Stages, record: WindowRecord) -> None:
+        """Begin the window once more with what Newton's method on all relative motions finds, where it finds it."""
+        record.fallbacks.append(SLIDING)
+        self._use(1)
+        q = sliding_start(stages, self.f_hat, self.settings.tolerance)
+        self._begin_window(stages)
+        if q is not None:
+            stages.field("q")[...] = q
 
     def _restart(self, stages: Stages, record: WindowRecord) -> None:
         """Begin the window once more: with a softened start, or from rest where the loads close the gaps without it."""

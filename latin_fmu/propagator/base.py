@@ -209,6 +209,8 @@ class Propagator(ABC):
     """
 
     dashpots: sp.csr_array | None = None
+    joined = False
+    """Whether it is a whole assembly without inertia, whose linear stage reaches all bodies."""
     operators: Any
     dt: float
 

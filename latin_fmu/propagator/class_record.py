@@ -405,6 +405,8 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         return row
     if propagator.swept:
         factor = propagator.condensed
+        if factor is propagator.operators.factor:  # made on these springs: read where it is
+            return row | {"k_panels": constant["panels"], "single": int(factor.dtype == np.float32)}
         numbers = 8 // factor.dtype.itemsize
         at = block.reserve(-(-factor.panels.size // numbers))
         # a copy, since the factor is dropped

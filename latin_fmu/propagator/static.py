@@ -30,6 +30,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from ..cholesky.factor import CholeskyFactor, InterfaceFactor
 from ..operator_store import NO_STORE, OperatorStore
@@ -38,6 +39,13 @@ from .base import Propagator
 from .interface_matrices import STILL
 from .interface_sweeps import DashpotPattern, InterfaceCompliance
 from .model import Array, Index, SubstructureModel
+
+_POINTS = 1.5  # factor on the geometric mean of the stiffness of a body as a whole and at one point
+
+
+def without_round_off(values: Array) -> Array:
+    """Entries that are round-off of the largest of their substructure (held directions) become 0."""
+    return np.where(values > 1e-12 * values.max(initial=0.0), values, 0.0)
 
 
 @dataclass(frozen=True)
@@ -49,8 +57,7 @@ class StaticOperators:
     stiffness : reduced (n, n), N m-1. factor : of K with springs, interface dofs last. dofs : (n_gamma,) interface
         dofs. trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose.
     area : (n_channel,), m2.
-    springs : (n_channel,) k_0, Pa m-1. diagonal : (n_channel,) stiffness per area at each channel, Pa m-1: with the
-        others held, or of a swept class with the others on the springs, which is at hand and takes as many iterations.
+    springs : (n_channel,) k_0, Pa m-1. direction : (n_channel,) stiffness per area of the search direction, Pa m-1.
     compliance : (n_channel, n_channel) velocities of the channels per unit of nodal force, m s-1 N-1, of the body on
         its springs: D of one instant does not exist for a floating body, (D^-1 + k_0)^-1 always does.
     factor_on : of a swept class, its factor on other springs (n_channel,), Pa m-1. store : of dense inverses.
@@ -63,7 +70,7 @@ class StaticOperators:
     spread: sp.csr_array
     area: Array
     springs: Array
-    diagonal: Array
+    direction: Array
     compliance: Any
     factor_on: Callable[[Array], CholeskyFactor] | None = None
     store: OperatorStore = NO_STORE
@@ -106,8 +113,44 @@ class StaticOperators:
         return inverse
 
 
+class _Moving:
+    """Which channels (n_channel,) can move, in the place of their compliance, which nothing reads."""
+
+    def __init__(self, moves: NDArray[np.bool_], gain: float) -> None:
+        self._moves, self.gain = moves, gain
+
+    def diagonal(self) -> Array:
+        """1 where a channel can move, else 0."""
+        return self._moves.astype(float)
+
+    def __mul__(self, factor: float) -> _Moving:
+        """The same for another length of increment."""
+        return _Moving(self._moves, factor * self.gain)
+
+
+def build_joined_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
+    """Operators of an assembly that is one swept model: its factor on the ``springs`` (n_channel,), Pa m-1, of
+    the search direction itself, which are those of single points, and nothing more."""
+    pattern, area = DashpotPattern(model), model.channel_area
+    dofs, trace, _ = model.at_interface
+
+    def factor_on(own_springs: Array) -> CholeskyFactor:
+        return pattern.factor([1.0], area * own_springs, np.float64)
+
+    factor: Any = factor_on(springs)
+    moves = np.diff(trace.indptr) > 0
+    direction = np.where(moves, springs, 0.0)
+    same = (model.reduced_stiffness, factor, dofs, trace, model.spread, area, springs, direction)
+    return StaticOperators(*same, _Moving(moves, 1.0 / dt), factor_on, model.store)
+
+
 def build_static_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
-    """Reduce, factorise and condense (once per class); ``springs`` (n_channel,), Pa m-1."""
+    """Reduce, factorise and condense (once per class); ``springs`` (n_channel,), Pa m-1.
+
+    The search direction is 1.5 sqrt(k_0 S_ii): k_0 the stiffness of the body as a whole (soft, for loads that cross
+    it), S_ii that of one point (stiff, for what stays near the face), with the others held, or of a swept class with
+    the others on the springs, which is at hand and takes as many iterations.
+    """
     stiffness, area = model.reduced_stiffness, model.channel_area
     dofs, trace, rank = model.at_interface
     factor_on: Callable[[Array], CholeskyFactor] | None = None
@@ -131,8 +174,9 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
         dense = trace @ (trace @ factor.schur_inverse).T / dt
         compliance = 0.5 * (dense + dense.T)
     moves = np.diff(trace.indptr) > 0
-    diagonal = np.where(moves, np.maximum(own, springs), 0.0)  # a rigid body has none of its own
-    same = (stiffness, factor, dofs, trace, model.spread, area, springs, diagonal, compliance)
+    own = without_round_off(np.where(moves, np.maximum(own, springs), 0.0))  # a rigid body has none of its own
+    direction = _POINTS * np.sqrt(springs * own)
+    same = (stiffness, factor, dofs, trace, model.spread, area, springs, direction, compliance)
     return StaticOperators(*same, factor_on, model.store)
 
 
@@ -143,7 +187,8 @@ class StaticPropagator(Propagator):
     ----------
     members : models with equal matrices and traces. dt : length of the increments, s (``begin`` may change it).
     energy : whether to account for energies. springs : (n_channel,) stiffness per area of the body's own size, Pa m-1.
-    kept : operators of equal models, used again and added to.
+    kept : operators of equal models, used again and added to. joined : whether this is a whole assembly
+    (``build_joined_operators``).
 
     Attributes
     ----------
@@ -159,8 +204,9 @@ class StaticPropagator(Propagator):
         energy: bool,
         springs: Array,
         kept: list[tuple[float, Any]] | None = None,
+        joined: bool = False,
     ) -> None:
-        self._springs = springs
+        self._springs, self.joined = springs, joined
         super().__init__(members, QuasiStatic(), dt, energy, kept)
         self._spring_inverse = self.operators.factor.schur_inverse  # on the springs, until ``bind``
 
@@ -177,7 +223,8 @@ class StaticPropagator(Propagator):
     def _build(self, dt: float) -> StaticOperators:
         """One factor serves every length of increment."""
         if not self._kept:
-            return build_static_operators(self.members[0], self._springs, dt)
+            build = build_joined_operators if self.joined else build_static_operators
+            return build(self.members[0], self._springs, dt)
         known, operators = self._kept[-1]
         assert isinstance(operators, StaticOperators)
         # velocities per force are as 1 / dt
@@ -197,6 +244,10 @@ class StaticPropagator(Propagator):
     def _condense(self, k: Array) -> Array | CholeskyFactor:
         """Y = T (S + T^T a k/dt T)^-1 T^T / dt."""
         if self.operators.factor_on is not None:
+            springs = self.operators.springs
+            if self.joined and np.allclose(k / self.dt, springs, rtol=1e-12, atol=0.0):
+                assert isinstance(self.operators.factor, CholeskyFactor)
+                return self.operators.factor
             return self.operators.factor_on(k / self.dt)
         trace = self.operators.trace
         self._spring_inverse = self.operators.on_springs(k / self.dt)

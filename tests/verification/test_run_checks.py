@@ -129,6 +129,7 @@ def test_a_cycle_that_ends_unloaded_is_in_balance() -> None:
         },
         "load": {"push": {"face": "block.zmax", "traction": [0.0, 0.0, 1e6], "law": UP_AND_DOWN}},
         "time": {"end": 1.0, "instants": 20, "quasi_static": True},
+        "solver": {"tolerance": 1e-9, "force_tolerance": 1e-9},
     }
     solution = solve(tables)
     assert not [w for w in solution.warnings if "out of balance" in w]

@@ -1,0 +1,60 @@
+"""Tractions of bonds that are no unknowns, from the equilibrium of the bodies that they join.
+
+With the internal forces, inertia, loads and forces of the other interfaces in g, at the free dofs of the bodies,
+
+    T^T area F = g
+
+in the least-squares sense over the dofs at bonded faces, as each bond is met from both sides. What goes round in closed
+loops of bonds is not determined by it, and becomes zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from ..latin.assembly import Array, Layout
+from .tied_assembly import jump_rows
+
+_REGULAR: Final = 1e-12  # of the diagonal of the system of the bonds: what goes round in loops becomes zero
+
+
+class BondForces:
+    """Tractions of the bonds of an assembly (module docstring).
+
+    Parameters
+    ----------
+    bonded : numbers of the interfaces. layout : of all. trace : (n_flat, n_full) from the full dofs of all bodies to
+    the channels. expansion : (n_full, n) of all bodies.
+    """
+
+    def __init__(self, bonded: Sequence[int], layout: Layout, trace: sp.csr_array, expansion: sp.csr_array) -> None:
+        self._bonded, self._expansion = tuple(bonded), expansion
+        forces, self._counts = list[sp.csr_array](), list[int]()
+        for i in bonded:
+            areas = layout.area[layout.channels(i, 0).ravel()]
+            rows = sp.diags_array(areas) @ jump_rows(layout, trace, i)
+            forces.append(sp.csr_array(rows @ expansion))
+            self._counts.append(len(areas))
+        matrix = sp.csr_array(sp.vstack(forces))
+        self._dofs = np.unique(matrix.indices)
+        matrix = sp.csr_array(matrix[:, self._dofs])
+        # each dof by the area that it carries
+        weight = np.asarray(abs(matrix).sum(axis=0)).ravel()
+        self._weighted = sp.csr_array(matrix @ sp.diags_array(1.0 / np.maximum(weight, np.finfo(float).tiny)))
+        system = sp.csc_array(self._weighted @ matrix.T)
+        diagonal = system.diagonal()
+        system = sp.csc_array(system + sp.diags_array(_REGULAR * diagonal + np.where(diagonal > 0.0, 0.0, 1.0)))
+        self._factor = spla.splu(system)
+
+    def tractions(self, forces: Array) -> dict[int, Array]:
+        """Tractions (k, n_channel) on side E of each bond, local frames, Pa, for forces g (n_full, k), N."""
+        wanted = (self._expansion.T @ forces)[self._dofs]
+        solved = self._factor.solve(np.ascontiguousarray(self._weighted @ wanted))
+        ends = np.cumsum(self._counts)
+        parts = zip(self._bonded, self._counts, ends.tolist(), strict=True)
+        return {i: solved[end - count : end].T for i, count, end in parts}
