@@ -85,7 +85,7 @@ class CholeskyFactor:
     SolverError : the matrix is not symmetric positive definite.
     """
 
-    _among: Array | None = None
+    _among: Array | None = None  # dense part among the last dofs (``StiffenedFactor``)
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ scaled to a diagonal of ones, the blocks between a patch and all others are of l
     A = blocks within patches + U^T C U,    U_I (r_I, n_I),  C (r, r) without its blocks within patches,
 
 where the bases U_I are those of the largest singular values of A_I,others (block low rank with shared bases). Numbers
-are read once or twice per product, some five times fewer than those of a triangle of the matrix.
+are read once or twice per product: where the patches are far apart, a fraction of those of a triangle of the matrix.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def partition(places: Array, matrix: Array, tolerance: float) -> list[Index]:
     for count in np.sort(counts):
         label = hierarchy.fcluster(tree, int(count), "maxclust")[point_of.ravel()]
         patches = [np.flatnonzero(label == k) for k in np.unique(label)]
-        reads = _reads(matrix, patches, tolerance)
+        reads = in_patches(matrix, patches, tolerance, np.float32).reads
         if reads < least:
             best, least = patches, reads
     return best
@@ -128,18 +128,6 @@ def _bases(scaled: Array, first: Index, tolerance: float) -> list[Array]:
             left, sizes, _ = np.linalg.svd(others, full_matrices=False)
         bases.append(left[:, sizes > limit])
     return bases
-
-
-def _reads(matrix: Array, patches: Sequence[Index], tolerance: float) -> int:
-    """``Patches.reads`` without the numbers themselves."""
-    scale = np.sqrt(matrix.diagonal())
-    limit, total, rank = tolerance * _norm(matrix / (scale[:, None] * scale)), 0, 0
-    for patch in patches:
-        others = np.delete(matrix[patch], patch, axis=1) / (scale[patch][:, None] * np.delete(scale, patch))
-        sizes = np.sqrt(np.maximum(np.linalg.eigvalsh(others @ others.T), 0.0))
-        own, n = int((sizes > limit).sum()), len(patch)
-        total, rank = total + n * (n + 1) // 2 + 2 * own * n, rank + own
-    return total + rank * (rank + 1) // 2
 
 
 def _norm(matrix: Array) -> float:
