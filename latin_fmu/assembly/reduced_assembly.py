@@ -19,6 +19,11 @@ A mode of frequency omega keeps it in the march: average acceleration takes a po
 s = (2/dt) artanh(s~ dt/2), so that the march is given the poles s~ = (2/dt) tanh(s dt/2). With x = omega dt/2 what a
 mode is driven by and what is read of it are p times theirs, p^2 = tan x / (x cos^2 x), and G is g times its own,
 g^2 = x^3 cos x / sin^3 x: the residues of the poles are those of the motion then, and the static response is exact.
+
+Damping by Maxwell branches of the materials acts on r and between the modes as it does on the modes: one set of
+branches, those of all bodies weighted by their share of the strain energy, is marched with S and with every mode, in a
+mode with the strength that gives its pole, s~^2 + d s~ + lambda~ (1 + share R(s~)) = 0. A viscous force in its place
+would be right at one frequency alone, and what modes far above a frequency and relative motions do there is not that.
 """
 
 from __future__ import annotations
@@ -37,7 +42,7 @@ from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
 from ..propagator.lanczos import lowest_modes
 from ..propagator.vibration import DENSE
-from ..time_scheme import MaxwellBranches
+from ..time_scheme import NO_BRANCHES, MaxwellBranches
 from .dynamic_stiffness import ProjectedStiffness, pole_of
 from .tied_assembly import TiedAssembly
 
@@ -49,6 +54,7 @@ _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _COLUMNS: Final = 256  # that are solved together: vectors of all dofs
+_FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
 
@@ -89,23 +95,53 @@ def supported(stiffness: sp.csr_array, rigid: Array) -> sp.csr_array:
 
 
 class DigitalModes(NamedTuple):
-    """Modes as average acceleration marches them: eigenvalues (m,), s-2, damping (m,), s-1, factors p and g (m,)."""
+    """Modes as average acceleration marches them: eigenvalues (m,), s-2, damping (m,), s-1, factors p and g (m,), and
+    shares (m,) of the strength of the branches."""
 
     values: Array
     damping: Array
     p: Array
     g: Array
+    shares: Array
 
 
-def digital(values: Array, damping: Array, dt: float) -> DigitalModes:
-    """Elastic modes with eigenvalues (m,) and diagonal damping (m,) for steps dt (module docstring)."""
+def digital(
+    values: Array,
+    damping: Array,
+    dt: float,
+    viscous: Array | None = None,
+    losses: Array | None = None,
+    branches: MaxwellBranches = NO_BRANCHES,
+) -> DigitalModes:
+    """Elastic modes with eigenvalues (m,) and diagonal damping (m,) for steps dt (module docstring).
+
+    viscous, losses : (m,) in the damping, the viscous part, s-1, and the part that ``branches`` have with their whole
+    strength; all of it is viscous without branches.
+    """
     half = np.emath.sqrt(0.25 * damping**2 - values)
     poles = np.stack([-0.5 * damping + half, -0.5 * damping - half]).astype(complex)
     marched = (2.0 / dt) * np.tanh(0.5 * dt * poles)
     x = 0.5 * dt * np.sqrt(values)
     p = np.sqrt(np.tan(x) / (x * np.cos(x) ** 2))
     g = np.sqrt(x**3 * np.cos(x) / np.sin(x) ** 3)
-    return DigitalModes(np.real(marched[0] * marched[1]), -np.real(marched[0] + marched[1]), p, g)
+    values_of_march, damping_of_march = np.real(marched[0] * marched[1]), -np.real(marched[0] + marched[1])
+    shares = np.zeros(len(values))
+    if viscous is not None and losses is not None and len(branches):
+        for i in np.flatnonzero((losses > 0.0) & (damping**2 < 4.0 * values)):
+            found = _with_branches(complex(marched[0, i]), float(viscous[i]), float(losses[i]), branches)
+            values_of_march[i], damping_of_march[i], shares[i] = found
+    return DigitalModes(values_of_march, damping_of_march, p, g, shares)
+
+
+def _with_branches(s: complex, viscous: float, loss: float, branches: MaxwellBranches) -> tuple[float, float, float]:
+    """lambda, d and share of s^2 + d s + lambda (1 + share R(s)) = 0 for a pole s, d and share being the same multiple
+    of ``viscous`` and ``loss``."""
+    rise = complex(branches.rise(s))
+    value, factor = abs(s) ** 2, 1.0
+    for _ in range(_FIXED_POINT):
+        factor = -2.0 * s.real * s.imag / (viscous * s.imag + value * loss * rise.imag)
+        value = -((s * s).real + factor * viscous * s.real) / (1.0 + factor * loss * rise.real)
+    return value, factor * viscous, factor * loss
 
 
 @dataclass(frozen=True)
@@ -227,7 +263,24 @@ class ReducedAssembly:
     @cached_property
     def marched(self) -> DigitalModes:
         """The elastic modes as they are marched."""
-        return digital(*self.poles, self.dt)
+        first, branches = self.rigid.shape[1], self.branches
+        omega = np.sqrt(self.poles[0])
+        whole = branches.rise(1j * omega).imag
+        lost = sum(
+            (stiffness / self.values * b.rise(1j * omega).imag for b, stiffness in self._strained), np.zeros(len(omega))
+        )
+        losses = np.divide(lost, whole, out=np.zeros_like(omega), where=whole > 0.0)
+        return digital(*self.poles, self.dt, self.damping.diagonal()[first:], losses, branches)
+
+    @cached_property
+    def branches(self) -> MaxwellBranches:
+        """Branches of all bodies, weighted by their strain energy in the elastic modes, each normed to 1."""
+        strengths, times = list[float](), list[float]()
+        for branches, stiffness in self._strained:
+            share = float((stiffness / self.values).mean()) if len(self.values) else 0.0
+            strengths += [share * g for g in branches.strengths]
+            times += branches.times
+        return MaxwellBranches(tuple(strengths), tuple(times))
 
     @cached_property
     def static_loads(self) -> Array:
@@ -261,16 +314,13 @@ class ReducedAssembly:
 
     @property
     def relative_viscosity(self) -> float:
-        """Time b, s, of the damping b S that relative motions have by the strains of the bodies: the mean over the
-        bodies by their strain energy in the elastic modes, of damping that depends on frequency at the lowest one."""
-        if not len(self.values):
-            return 0.0
-        omega, total, damped = float(np.sqrt(self.poles[0].min())), 0.0, 0.0
-        for model in self.tied.models:
+        """Time b, s, of the damping b S that relative motions have by the viscous strains of the bodies: the mean over
+        the bodies by their strain energy in the elastic modes."""
+        total = damped = 0.0
+        for model in self.tied.models if len(self.values) else ():
             energy = float((self._stiffness_of(model.name).diagonal() / self.values).sum())
-            loss = float(model.branches.rise(1j * omega).imag) / omega if len(model.branches) else 0.0
             total += energy
-            damped += energy * (self.viscosities.get(model.name, 0.0) + loss)
+            damped += energy * self.viscosities.get(model.name, 0.0)
         return damped / total if total > 0.0 else 0.0
 
     @cached_property

@@ -327,5 +327,12 @@ def _model(
         imposed_pattern=np.zeros((n, 0)),
         imposed_start=np.zeros(0),
         viscous_rows=reduced.strain_rows(),
-        face=FaceStiffness(stiffness, reduced.relative_viscosity, reduced.elastic_rows(), patches),
+        face=FaceStiffness(
+            stiffness,
+            reduced.relative_viscosity,
+            reduced.elastic_rows(),
+            patches,
+            reduced.marched.shares,
+            reduced.branches,
+        ),
     )

@@ -46,6 +46,7 @@ from .energy_parts import (
     whole_field,
     whole_product,
 )
+from .face import relaxed_energy
 from .matrices import LOADS, add_sum
 from .maxwell import account_branches, account_explicit_branches, open_branches
 from .records import EXPLICIT, STATIC
@@ -167,6 +168,9 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC:
         _account_inertia(pools, c, of_scheme)
     state_energies(pools, c, u, v, past[_MASS_V * wide : _MASS_V * wide + size], new[:wide], image)
+    if row.n_relaxing > 0:
+        of_damping[0] += work[row.relaxed_loss]
+        totals[ELASTIC] += relaxed_energy(pools, c)
     if row.n_branch > 0:
         # u and v, which stand in the first half of the scratch, have been read
         account_branches(pools, c, instant, new[:wide], then[:wide], scratch[: 2 * wide])

@@ -81,8 +81,8 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
 
 @kernel
 def whole_product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
-    """out = M, K, C or a part of C times x on dofs and motions (n + n_motion, m); with S of a face K u and C v_w are
-    those of the last instant alone."""
+    """out = M, K, C or a part of C times x on dofs and motions (n + n_motion, m); with the stiffness of a
+    face K u, its branches included, and C v_w are those of the last instant alone."""
     row = pools.classes[c]
     size = row.n * row.m
     out[:] = 0.0

@@ -10,9 +10,13 @@ the solution is that of the predictors of the scheme, as dofs without mass have 
 
 need no product with S: what it is at an instant follows from the balance of the forces there,
 
-    (displacement_gain + b velocity_gain) S a = load - (the squares) a,    S r = S r_0 + displacement_gain S a.
+    (displacement_gain phi + b velocity_gain) S a = load - (the squares) a,    S r = S r_0 + displacement_gain S a.
 
 So r is a fixed linear function of the forces, S^-1 as it is stored; nothing adds up from instant to instant.
+
+Maxwell branches (``maxwell``) act on S, and on the squares R^T R of modes row by row, each with a share of their
+strength. The elongations e of a branch enter by S e alone, those of rows by R e: both follow the recursion of e, so
+that they need no product either. phi = 1 + share sum_j g_j c_u.
 """
 
 from __future__ import annotations
@@ -23,9 +27,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from .records import HALF_RATIO, OF_ELONGATION, OF_MOTION, STRENGTH
 from .splits import add_squares
 
 Array = NDArray[np.float64]
+
+
+@kernel
+def rows_at(row: Any) -> int:
+    """Place of R u (k,) in the state, R e of the branches (n_relaxing, k) behind it."""
+    return int(row.face_state + 4 * row.n_inner)
+
+
+@kernel
+def strains_at(row: Any) -> int:
+    """Place of e (n_relaxing, g) of the branches of S."""
+    return rows_at(row) + int((1 + row.n_relaxing) * row.n_elastic)
+
+
+@kernel
+def forces_at(row: Any) -> int:
+    """Place of S e (n_relaxing, g)."""
+    return strains_at(row) + int(row.n_relaxing * row.n_inner)
 
 
 @kernel
@@ -41,17 +64,85 @@ def count_from_start(pools: Any, c: int) -> None:
 
 
 @kernel
+def relaxing(pools: Any, c: int, what: int, j: int) -> float:
+    """g, c_e, c_u or h of branch j of the face and of the rows."""
+    row = pools.classes[c]
+    return float(pools.fixed[row.relaxing + what * row.n_relaxing + j])
+
+
+@kernel
+def stiffened(pools: Any, c: int, i: int) -> float:
+    """phi of row i of the squares, of S for i = n_elastic."""
+    row = pools.classes[c]
+    total = 0.0
+    for j in range(row.n_relaxing):
+        total += relaxing(pools, c, STRENGTH, j) * relaxing(pools, c, OF_MOTION, j)
+    return float(1.0 + pools.fixed[row.relaxing_shares + i] * total)
+
+
+@kernel
+def on_rows(pools: Any, c: int, x: Array, out: Array) -> None:
+    """out (k,) = R x."""
+    row = pools.classes[c]
+    for p in range(row.n_elastic):
+        own = pools.fixed[row.elastic_rows + p * row.n : row.elastic_rows + (p + 1) * row.n]
+        total = 0.0
+        for i in range(row.n):
+            total += own[i] * x[i]
+        out[p] = total
+
+
+@kernel
+def add_rows(pools: Any, c: int, factor: float, weights: Array, out: Array) -> None:
+    """out += factor R^T weights."""
+    row = pools.classes[c]
+    for p in range(row.n_elastic):
+        own, weight = (
+            pools.fixed[row.elastic_rows + p * row.n : row.elastic_rows + (p + 1) * row.n],
+            factor * weights[p],
+        )
+        for i in range(row.n):
+            out[i] += weight * own[i]
+
+
+@kernel
 def subtract_face(pools: Any, c: int) -> None:
-    """S r_free and b S r'_free of the predictors from the load."""
-    row, run = pools.classes[c], pools.run[0]
+    """Forces of the squares, S r_free and b S r'_free of the predictors from the load, their branches included."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
     if row.on_face == 0:
         return
-    n, state = row.n_inner, pools.moving[row.face_state : row.face_state + 4 * row.n_inner]
+    n, k, state = row.n_inner, row.n_elastic, work[row.face_state : row.face_state + 4 * row.n_inner]
+    rows, strained = work[rows_at(row) : rows_at(row) + k], work[row.row_force : row.row_force + k]
+    free = work[row.row_free : row.row_free + k]
+    on_rows(pools, c, work[row.u_free : row.u_free + row.n], free)
+    for i in range(k):
+        strained[i] = free[i]
+    for j in range(row.n_relaxing):
+        strength, kept, moved = branch(pools, c, j)
+        at = rows_at(row) + (1 + j) * k
+        for i in range(k):
+            elongation = kept * work[at + i] + moved * (free[i] - rows[i])
+            strained[i] += pools.fixed[row.relaxing_shares + i] * strength * elongation
+    add_rows(pools, c, -1.0, strained, work[row.load : row.load + row.n])
     ratio, viscosity = run.velocity_gain / run.displacement_gain, pools.fixed[row.face_viscosity]
+    phi, share = stiffened(pools, c, k), pools.fixed[row.relaxing_shares + k]
     for i in range(n):
         start, force, rate = state[n + i], state[2 * n + i], state[3 * n + i]
         viscous = viscosity * (rate + ratio * (start - force - run.u_v * rate))
-        pools.moving[row.load + pools.fixed_int[row.dofs + i]] -= start + viscous
+        work[row.load + pools.fixed_int[row.dofs + i]] -= phi * start + viscous
+    for j in range(row.n_relaxing):
+        strength, kept, moved = branch(pools, c, j)
+        at = forces_at(row) + j * n
+        for i in range(n):
+            relaxed = share * strength * (kept * work[at + i] - moved * state[2 * n + i])
+            work[row.load + pools.fixed_int[row.dofs + i]] -= relaxed
+
+
+@kernel
+def branch(pools: Any, c: int, j: int) -> tuple[float, float, float]:
+    """g, c_e and c_u of branch j."""
+    strength, kept = relaxing(pools, c, STRENGTH, j), relaxing(pools, c, OF_ELONGATION, j)
+    return strength, kept, relaxing(pools, c, OF_MOTION, j)
 
 
 @kernel
@@ -64,33 +155,112 @@ def keep_load(pools: Any, c: int) -> None:
 
 @kernel
 def keep_face_forces(pools: Any, c: int) -> None:
-    """S r and S r' at the end of an instant, for the damping and the account of energies, which alone need them; the
-    solution in ``load``, forces beyond the reference tractions in ``inner``."""
+    """S r and S r' at the end of an instant, R u, and elongations of the branches, for the damping and the account of
+    energies, which alone need them; the solution in ``load``, forces beyond the reference tractions in ``inner``."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     viscosity = pools.fixed[row.face_viscosity] if row.on_face == 1 else 0.0
-    if row.on_face == 0 or (viscosity == 0.0 and row.accounted == 0):
+    if row.on_face == 0 or (viscosity == 0.0 and row.n_relaxing == 0 and row.accounted == 0):
         return
-    n, size, ratio = row.n_inner, row.n, run.velocity_gain / run.displacement_gain
+    n, k, size, ratio = row.n_inner, row.n_elastic, row.n, run.velocity_gain / run.displacement_gain
     solved, squares = work[row.load : row.load + size], work[row.mass_a : row.mass_a + size]
-    state = work[row.face_state : row.face_state + 4 * n]
+    state, change = work[row.face_state : row.face_state + 4 * n], work[row.row_force : row.row_force + k]
+    on_rows(pools, c, solved, change)
+    for i in range(k):
+        change[i] *= run.displacement_gain
+    work[row.relaxed_loss] = 0.0
+    _relax_rows(pools, c, change)
+    for i in range(k):
+        change[i] *= stiffened(pools, c, i)
     squares[:] = 0.0
-    add_squares(pools, c, row.elastic_rows, row.n_elastic, run.displacement_gain, solved, squares)
+    add_rows(pools, c, 1.0, change, squares)
     add_squares(pools, c, row.viscous_rows, row.n_viscous, run.velocity_gain, solved, squares)
-    share = run.displacement_gain / (run.displacement_gain + viscosity * run.velocity_gain)
+    share = run.displacement_gain / (run.displacement_gain * stiffened(pools, c, k) + viscosity * run.velocity_gain)
     for i in range(n):
         left = work[row.face_load + i] + work[row.inner + i] - squares[pools.fixed_int[row.dofs + i]]
         force, old, rate = state[n + i] + share * left, state[2 * n + i], state[3 * n + i]
         work[row.face_rate + i] = rate + ratio * (force - old - run.u_v * rate)
         state[2 * n + i], state[3 * n + i] = force, (force - old) / run.dt
+    _relax_face(pools, c, solved)
+
+
+@kernel
+def _relax_rows(pools: Any, c: int, change: Array) -> None:
+    """R u of the new instant from its part ``change`` (k,) beside that of the predictor, and elongations likewise."""
+    row, work = pools.classes[c], pools.moving
+    k = row.n_elastic
+    rows, free = work[rows_at(row) : rows_at(row) + k], work[row.row_free : row.row_free + k]
+    for j in range(row.n_relaxing):
+        strength, kept, moved = branch(pools, c, j)
+        at, lost = rows_at(row) + (1 + j) * k, 0.0
+        for i in range(k):
+            old = work[at + i]
+            new = kept * old + moved * (free[i] + change[i] - rows[i])
+            lost += pools.fixed[row.relaxing_shares + i] * (old + new) ** 2
+            work[at + i] = new
+        work[row.relaxed_loss] += 0.5 * strength * relaxing(pools, c, HALF_RATIO, j) * lost
+    for i in range(k):
+        rows[i] = free[i] + change[i]
+
+
+@kernel
+def _relax_face(pools: Any, c: int, solved: Array) -> None:
+    """Elongations e of the branches of S and S e of the new instant; accelerations ``solved`` (n,)."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    n, dofs = row.n_inner, pools.fixed_int[row.dofs : row.dofs + row.n_inner]
+    share = pools.fixed[row.relaxing_shares + row.n_elastic]
+    rate = row.face_state + 3 * n
+    for j in range(row.n_relaxing):
+        strength, kept, moved = branch(pools, c, j)
+        lost = 0.0
+        for i in range(n):
+            at = dofs[i]
+            moves = work[row.u_free + at] + run.displacement_gain * solved[at] - work[row.u + at]
+            old, old_force = work[strains_at(row) + j * n + i], work[forces_at(row) + j * n + i]
+            new, new_force = kept * old + moved * moves, kept * old_force + moved * run.dt * work[rate + i]
+            lost += (old + new) * (old_force + new_force)
+            work[strains_at(row) + j * n + i], work[forces_at(row) + j * n + i] = new, new_force
+        work[row.relaxed_loss] += 0.5 * share * strength * relaxing(pools, c, HALF_RATIO, j) * lost
 
 
 @kernel
 def add_face_forces(pools: Any, c: int, elastic: bool, viscous: bool, out: Array) -> None:
-    """Add S r, or b S r' with the velocities that C acts on over the step, of the last instant to forces (n,)."""
-    row = pools.classes[c]
-    n = row.n_inner if row.on_face == 1 else 0
+    """Add the forces of the squares and of S with their branches, or b S r' with the velocities that C acts on over the
+    step, of the last instant to forces (n,)."""
+    row, work = pools.classes[c], pools.moving
+    n, k = (row.n_inner, row.n_elastic) if row.on_face == 1 else (0, 0)
+    if elastic and k > 0:
+        strained = work[row.row_force : row.row_force + k]
+        for i in range(k):
+            total = work[rows_at(row) + i]
+            for j in range(row.n_relaxing):
+                strength = pools.fixed[row.relaxing_shares + i] * relaxing(pools, c, STRENGTH, j)
+                total += strength * work[rows_at(row) + (1 + j) * k + i]
+            strained[i] = total
+        add_rows(pools, c, 1.0, strained, out)
     for i in range(n if elastic else 0):
-        out[pools.fixed_int[row.dofs + i]] += pools.moving[row.face_state + 2 * n + i]
+        out[pools.fixed_int[row.dofs + i]] += work[row.face_state + 2 * n + i]
+    for j in range(row.n_relaxing if elastic and n > 0 else 0):
+        strength = pools.fixed[row.relaxing_shares + k] * relaxing(pools, c, STRENGTH, j)
+        for i in range(n):
+            out[pools.fixed_int[row.dofs + i]] += strength * work[forces_at(row) + j * n + i]
     for i in range(n if viscous else 0):
-        rate = pools.moving[row.face_rate + i]
+        rate = work[row.face_rate + i]
         out[pools.fixed_int[row.dofs + i]] += pools.fixed[row.face_viscosity] * rate
+
+
+@kernel
+def relaxed_energy(pools: Any, c: int) -> float:
+    """Elastic energy of the springs of the branches, less half the work of their forces on the displacements, which
+    ``add_face_forces`` puts among those of K, J."""
+    row, work = pools.classes[c], pools.moving
+    n, k, total = row.n_inner, row.n_elastic, 0.0
+    for j in range(row.n_relaxing):
+        strength, at, of_rows, of_face = 0.5 * relaxing(pools, c, STRENGTH, j), rows_at(row) + (1 + j) * k, 0.0, 0.0
+        for i in range(k):
+            elongation = work[at + i]
+            of_rows += pools.fixed[row.relaxing_shares + i] * elongation * (elongation - work[rows_at(row) + i])
+        for i in range(n):
+            elongation = work[strains_at(row) + j * n + i] - work[row.u + pools.fixed_int[row.dofs + i]]
+            of_face += elongation * work[forces_at(row) + j * n + i]
+        total += strength * (of_rows + pools.fixed[row.relaxing_shares + k] * of_face)
+    return total

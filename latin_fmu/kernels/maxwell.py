@@ -24,13 +24,10 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .energy_parts import DAMPED, ELASTIC, N_TERM, OF_SCHEME, WORK_OF_LOADS, add_dot, copied, whole_product
-from .records import EXPLICIT
+from .records import EXPLICIT, HALF_RATIO, OF_ELONGATION, OF_MOTION, STRENGTH
 from .splits import STIFFNESS
 
 Array = NDArray[np.float64]
-
-STRENGTH, OF_ELONGATION, OF_MOTION, HALF_RATIO = range(4)
-"""Rows of ``branches``: g, c_e, c_u and h of each."""
 
 
 @kernel

@@ -37,6 +37,8 @@ Field = tuple[str, str]  # name, meaning with shape, pool and unit
 
 DIRECT, EXPLICIT, STATIC = 0, 1, 2
 """Kinds of motion of a class: implicit (a reduced body is one), central differences, without inertia."""
+STRENGTH, OF_ELONGATION, OF_MOTION, HALF_RATIO = range(4)
+"""Rows of ``branches`` and ``relaxing``: g, c_e, c_u and h of each."""
 
 _MATRIX: Final = (
     ("{0}_rows", "rows of {1}, 0 where there is none"),
@@ -109,6 +111,9 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("elastic_rows", "constants (k, n): R, N0.5 m-0.5"),
     ("on_face", "1 where there is a stiffness S of the interface dofs beside K (``face``)"),
     ("face_viscosity", "constants (1,) if on_face: b of its damping b S, s"),
+    ("n_relaxing", "Maxwell branches of S and of the rows of ``elastic_rows``"),
+    ("relaxing", "constants (4, n_relaxing): as ``branches``"),
+    ("relaxing_shares", "constants (n_elastic + 1,) if on_face: factors on their strength, of the rows and of S"),
     ("modal_inside", "constants (k, n): W^T of half solutions, zeros at the interface (``cholesky.factor``)"),
     ("modal_edge", "constants (k, g): V^T likewise"),
     ("panels", "constants: panels [L11^-1; L21]"),
@@ -153,8 +158,8 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("elongation", "state (n_branch, n, m): elongations of the springs of the branches, m"),
     (
         "face_state",
-        "state (4, g) if on_face: r_0 and S r_0 that the march of the face is counted from, S r, S r' (``face``); "
-        "m, N, N s-1",
+        "state (4 * g + (1 + n_relaxing) * n_elastic + 2 * n_relaxing * g,) if on_face: r_0 and S r_0 that the march "
+        "of the face is counted from, S r, S r'; R u and R e of its rows; e and S e of the branches of S (``face``)",
     ),
     ("energy", "place of ``totals``, the first number of the account of energies, n_energy in all"),
     ("n_energy", "their number"),
@@ -171,6 +176,9 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("load", "work (n, m): forces of the instant, N"),
     ("mass_a", "work (n, m): M a, N"),
     ("weighted_v", "work (n, m) if accounted: velocities that C acts on over the step where ``one_step``, m s-1"),
+    ("row_free", "work (n_elastic,) if on_face: R u of the predictors, N0.5 m0.5"),
+    ("row_force", "work (n_elastic,) if on_face: scratch of rows"),
+    ("relaxed_loss", "work (1,) if on_face: loss of their branches over the step, J"),
     ("face_load", "work (g,) if on_face: forces of the instant on the interface dofs, N"),
     ("face_rate", "work (g,) if on_face: S r' with the velocities that C acts on over the step, N s-1"),
     ("half_solution", "work (n, padded(m)): after the forward substitution, in tiles from TILED members on"),

@@ -297,7 +297,7 @@ def tile_of(row: Any, work: Array) -> Array:
 
 @kernel
 def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor R^T R x for ``count`` rows R from the place ``rows`` on: modal damping, stiffness of modes."""
+    """out += factor R^T R x for ``count`` rows R from the place ``rows`` on: modal damping."""
     row = pools.classes[c]
     n, m = row.n, row.m
     for p in range(count):
@@ -313,13 +313,11 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
 
 @kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...), without S of a face; nothing where the class has
-    none."""
+    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...), without the stiffness of a face (``face``);
+    nothing where the class has none."""
     row, work = pools.classes[c], pools.moving
     if which == DAMPING:
         add_squares(pools, c, row.viscous_rows, row.n_viscous, factor, x, out)
-    elif which == STIFFNESS:
-        add_squares(pools, c, row.elastic_rows, row.n_elastic, factor, x, out)
     n, starts_at, columns_at, values_at, diagonal_at, together_at, parts_at = _matrix(row, which)
     if n == 0:
         return

@@ -117,12 +117,15 @@ class ClassState:
 
     @property
     def face(self) -> Array | None:
-        """Forces of a stiffness of the face (4 g,), as ``kernels.face`` has them, in the image or kept for one; None
+        """State of the march on a stiffness of the face, as ``kernels.face`` has it, in the image or kept for one; None
         where there is none."""
         if self.image is None:
             return self._face
         row = self.image.row(self.number)
-        return self.part("face_state", 4 * row["n_inner"]) if row.get("on_face") else None
+        if not row.get("on_face"):
+            return None
+        g, k, count = row["n_inner"], row["n_elastic"], row["n_relaxing"]
+        return self.part("face_state", 4 * g + (1 + count) * k + 2 * count * g)
 
     def put_on_face(self, forces: Array) -> None:
         """Set what ``face`` is."""
@@ -383,7 +386,10 @@ def _start_on_face(propagator: Propagator) -> None:
     if face is not None:
         place, speed = state.u[dofs, 0], state.v[dofs, 0]
         force = face.matrix @ place
-        state.put_on_face(np.stack([place, force, force, face.matrix @ speed]))
+        count = len(face.branches)  # relaxed
+        relaxed = np.zeros(count * (len(face.rows) + 2 * len(dofs)))
+        on_rows = face.rows @ state.u[:, 0]
+        state.put_on_face(np.concatenate([place, force, force, face.matrix @ speed, on_rows, relaxed]))
 
 
 def nodal_forces(propagator: Propagator, traction: Array) -> Array:

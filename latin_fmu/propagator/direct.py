@@ -174,7 +174,8 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     factor: Any
     compliance: Any
     if model.face is not None:
-        factor = _with_face(model, model.face, (c_mass, c_damping, c_stiffness), modal)
+        weights = c_mass, c_damping, c_stiffness
+        factor = _with_face(model, model.face, weights, modal, model.face.stiffening(scheme, dt))
         compliance = projected(trace, gain, factor.schur_inverse)
     elif model.swept:
         pattern = DashpotPattern(model)
@@ -203,15 +204,20 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
 
 
 def _with_face(
-    model: SubstructureModel, face: FaceStiffness, weights: tuple[float, float, float], modal: Array | None
+    model: SubstructureModel,
+    face: FaceStiffness,
+    weights: tuple[float, float, float],
+    modal: Array | None,
+    stiffening: tuple[Array, float],
 ) -> CholeskyFactor:
-    """Factor of the operator of a model with a stiffness of its interface dofs beside its matrices."""
+    """Factor of the operator of a model with a stiffness of its interface dofs beside its matrices; ``stiffening`` : as
+    by ``FaceStiffness.stiffening``."""
     (mass, damping, stiffness), dofs = model.reduced, model.at_interface[0]
     c_mass, c_damping, c_stiffness = weights
     matrix = c_mass * mass + c_stiffness * stiffness
     if damping is not None:
         matrix = matrix + c_damping * damping
-    squares = np.sqrt(c_stiffness) * face.rows
+    squares = np.sqrt(c_stiffness * stiffening[0])[:, None] * face.rows
     if modal is not None:
         squares = np.vstack([squares, np.sqrt(c_damping) * modal])
     # rows of the inside alone: what is left among interface dofs goes to the Schur complement
@@ -219,7 +225,9 @@ def _with_face(
     rows[:, dofs] = 0.0
     coupling = rows.T @ squares
     coupling[dofs] = coupling[:, dofs].T
-    among = (c_stiffness + c_damping * face.viscosity) * face.matrix + squares[:, dofs].T @ squares[:, dofs]
+    among = (c_stiffness * stiffening[1] + c_damping * face.viscosity) * face.matrix + squares[:, dofs].T @ squares[
+        :, dofs
+    ]
     return StiffenedFactor(sp.csr_array(matrix + coupling), dofs, among)
 
 

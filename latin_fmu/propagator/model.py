@@ -197,19 +197,27 @@ class Histories:
 class FaceStiffness:
     """Stiffness of a model beside its sparse matrix: dense among interface dofs, and of squares of modes.
 
-    K has S on the interface dofs and E^T E more, C has b S more. Each of these dofs is a channel of its own, and there
-    is one substructure like it.
+    K has S on the interface dofs and E^T E more, C has b S more. Maxwell branches act on both, each row and S with a
+    share of their strength. Each of these dofs is a channel of its own, and there is one substructure like it.
 
     Attributes
     ----------
     matrix : S (g, g), N m-1, in the order of the interface dofs. viscosity : b, s. rows : E (k, n), N0.5 m-0.5.
-    patches : rows of S, patch by patch (``patches``).
+    patches : rows of S, patch by patch (``patches``). branches : with row_shares (k,) for the rows, share for S.
     """
 
     matrix: Array
     viscosity: float
     rows: Array
     patches: list[Index]
+    row_shares: Array
+    branches: MaxwellBranches = NO_BRANCHES
+    share: float = 1.0
+
+    def stiffening(self, scheme: TimeScheme, dt: float) -> tuple[Array, float]:
+        """Factors of the squares of the rows (k,), and of S, in the operator of the march."""
+        rise = self.branches.stiffening(scheme, dt) - 1.0
+        return 1.0 + rise * self.row_shares, 1.0 + rise * self.share
 
     def stiffness(self, u: Array, dofs: Index) -> Array:
         """S u and E^T E u for u (n, m), N."""
