@@ -13,7 +13,7 @@ Bonds are no unknowns of the march. Their tractions F follow from the equilibriu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -34,6 +34,8 @@ from .tied_assembly import jump_rows
 
 _EXACT: Final = 3e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
+_COLUMNS: Final = 96  # that are solved together: vectors of all dofs
+_INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
 
 def compressed(histories: Array) -> Array:
@@ -90,14 +92,21 @@ class Motions:
     def shapes(self) -> Array:
         """(n_full, n_shape): rigid motions and modes, relative motions, loads, driven faces."""
         reduced, tied = self.march.reduced, self.march.reduced.tied
-        n, relative = tied.n_free, self._relative[0]
-        static = reduced.solver.solve(-np.asarray(reduced.coupling @ relative))
-        static = static - reduced.rigid @ (reduced.rigid_share @ relative)
-        modes = np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p])
-        free = np.hstack([modes, static, reduced.static_loads])
-        moved = np.zeros((tied.n_relative, free.shape[1]))
-        moved[:, modes.shape[1] : modes.shape[1] + relative.shape[1]] = relative
-        return np.hstack([tied.expansion[:, :n] @ free + tied.expansion[:, n:] @ moved, self.march.drives.shapes])
+        n, relative, driven = tied.n_free, self._relative[0], self.march.drives.shapes
+        of_free, of_relative = sp.csr_array(tied.expansion[:, :n]), sp.csr_array(tied.expansion[:, n:])
+        first, m, loads = reduced.rigid.shape[1], reduced.n_mode, reduced.static_loads
+        end = m + relative.shape[1]
+        made = np.empty((len(driven), end + loads.shape[1] + driven.shape[1]))
+        made[:, :first] = of_free @ reduced.rigid
+        made[:, first:m] = of_free @ (reduced.elastic * reduced.marched.p)
+        for at in range(0, relative.shape[1], _COLUMNS):
+            part = relative[:, at : at + _COLUMNS]
+            static = reduced.solver.solve(-np.asarray(reduced.coupling @ part))
+            static -= reduced.rigid @ (reduced.rigid_share @ part)
+            made[:, m + at : m + at + part.shape[1]] = of_free @ static + of_relative @ part
+        made[:, end : end + loads.shape[1]] = of_free @ loads
+        made[:, end + loads.shape[1] :] = driven
+        return made
 
     @cached_property
     def amplitudes(self) -> Array:
@@ -121,6 +130,12 @@ class Motions:
     def of(self, rows: sp.csr_array | Array, kind: int) -> Array:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
         return np.asarray(self.amplitudes[kind] @ np.asarray(rows @ self.shapes).T)
+
+    def write(self, rows: sp.csr_array, kind: int, out: Array) -> None:
+        """Write those of rows (k, n_full) to ``out`` (n_time, k)."""
+        shapes = np.asarray(rows @ self.shapes).T
+        for at in range(0, len(out), _INSTANTS):
+            out[at : at + _INSTANTS] = self.amplitudes[kind][at : at + _INSTANTS] @ shapes
 
     def sensed(self, rows: sp.csr_array, model: SubstructureModel) -> Array:
         """Displacements, velocities, accelerations of rows (k, n_full) of a body, and what internal forces take for
@@ -154,14 +169,15 @@ class Motions:
 
     # -- forces of bonds -------------------------------------------------------------------------------------------
     def internal_forces(self) -> Array:
-        """K u + C v + M a less the loads, (n_full, n_time), N, of the bodies and the joints with springs and dashpots,
-        at the dofs of bonded faces alone; zero elsewhere."""
+        """K u + C v + M a less the loads, (n_row, n_time), N, of the bodies and the joints with springs and dashpots,
+        at the dofs of bonded faces."""
         tied, drives, n_time = self.march.reduced.tied, self.march.drives, len(self.histories)
         rows = self._bonded_dofs
-        out = np.zeros((len(self.shapes), n_time))
+        out = np.empty((len(rows), n_time))
         for model in tied.models:
             where = tied.where[model.name]
-            own = rows[(rows >= where.start) & (rows < where.stop)] - where.start
+            here = (rows >= where.start) & (rows < where.stop)
+            own = rows[here] - where.start
             if not len(own):
                 continue
             shapes, (u, v, a) = self.shapes[where], self.amplitudes
@@ -169,10 +185,10 @@ class Motions:
             total += (model.inertia[own] @ shapes) @ a.T
             if model.damping is not None:
                 total += (model.damping[own] @ shapes) @ v.T
-            out[where.start + own] = total
+            out[here] = total
         # those of the scene alone: driven faces enter by the motion itself
         n_load = drives.forces.shape[1] - 3 * drives.shapes.shape[1]
-        out[rows] -= drives.forces[rows, :n_load] @ drives.amplitudes[:n_load, :n_time]
+        out -= drives.forces[rows, :n_load] @ drives.amplitudes[:n_load, :n_time]
         return out
 
     @cached_property
@@ -184,16 +200,28 @@ class Motions:
         flat = np.concatenate([np.zeros(0, dtype=np.int64), *channels])
         return np.unique(march.reduced.tied.trace[flat].indices).astype(np.int64)
 
-    def bond_tractions(self, others: Array) -> dict[int, Array]:
-        """Tractions (n_time, k) on side E of each bond, local frames, Pa; ``others`` : forces (n_full, n_time) of all
-        other interfaces on the bodies, N."""
+    def bond_tractions(self, others: Callable[[slice], Array]) -> dict[int, Array]:
+        """Tractions (n_time, k) on side E of each bond, local frames, Pa; ``others`` : forces (n_full, n_instant) of
+        all other interfaces on the bodies at some instants, N."""
         march = self.march
         layout, tied = march.bodies.layout, march.reduced.tied
         bonded = tied.joints.bonded
         if not bonded:
             return {}
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
-        return BondForces(bonded, layout, tied.trace, expansion).tractions(self.internal_forces() - others)
+        bonds, internal, rows = (
+            BondForces(bonded, layout, tied.trace, expansion),
+            self.internal_forces(),
+            self._bonded_dofs,
+        )
+        made: dict[int, list[Array]] = {i: [] for i in bonded}
+        for at in range(0, internal.shape[1], _INSTANTS):
+            part = slice(at, at + _INSTANTS)
+            forces = -others(part)
+            forces[rows] += internal[:, part]
+            for i, traction in bonds.tractions(forces).items():
+                made[i].append(traction)
+        return {i: np.concatenate(parts) for i, parts in made.items()}
 
 
 class RecoveredRecorder(Recorder):
@@ -216,7 +244,7 @@ class RecoveredRecorder(Recorder):
         tied = march.tied
         rows = self.rows
         flat_f, flat_w = rows.f_hat[:n], rows.w_hat[:n]
-        flat_w[:] = self._motions.of(tied.trace, 1)
+        self._motions.write(tied.trace, 1, flat_w)
         self._ground(flat_w)
         for j, i in enumerate(march.units):
             first, second = (layout.channels(i, side) for side in (0, 1))
@@ -231,8 +259,8 @@ class RecoveredRecorder(Recorder):
                 opening = inner.w_hat[1:n][:, far[:, 0]] - inner.w_hat[1:n][:, near[:, 0]]
                 rows.gaps[g][:n, group.members[i]] = self._gaps_of(own_gaps, opening)
         self._layers(flat_f)
-        forces = tied.trace.T @ (layout.area[:, None] * flat_f.T)
-        for i, traction in self._motions.bond_tractions(np.asarray(forces)).items():
+        back = sp.csr_array(tied.trace.T @ sp.diags_array(layout.area))
+        for i, traction in self._motions.bond_tractions(lambda part: np.asarray(back @ flat_f[part].T)).items():
             shape = -1, *layout.channels(i, 0).shape
             flat_f[:, layout.channels(i, 0)] = traction.reshape(shape)
             flat_f[:, layout.channels(i, 1)] = -traction.reshape(shape)

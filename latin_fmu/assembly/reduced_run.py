@@ -191,7 +191,7 @@ class ReducedMarch:
         search = given.search_direction
         if search.kind == "automatic":
             search = replace(search, factor=_SEARCH * search.factor)
-        return replace(given, search_direction=search, newton=False, residual_alone=True)
+        return replace(given, search_direction=search, newton=False, residual_alone=True, skip_unchanged=False)
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -121,6 +122,10 @@ class DisplacementHistories:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
         return np.asarray(sp.csr_array(rows) @ self.histories[:, kind].T).T
 
+    def write(self, rows: sp.csr_array, kind: int, out: Array) -> None:
+        """Write those of rows (k, n_full) to ``out`` (n_time, k)."""
+        out[:] = self.of(rows, kind)
+
     def sensed(self, rows: sp.csr_array, model: SubstructureModel) -> Array:  # noqa: ARG002, no branches at rest
         """All three, and the displacements again, (n_time, 4, k)."""
         return np.stack([self.of(rows, kind) for kind in (0, 1, 2, 0)], axis=1)
@@ -135,15 +140,15 @@ class DisplacementHistories:
         shape = own.shape[0], self.histories.shape[2]
         return sp.csr_array((own.data, own.indices + where.start, own.indptr), shape=shape)
 
-    def bond_tractions(self, others: Array) -> dict[int, Array]:
-        """Tractions (n_time, k) on side E of each bond, local frames, Pa; ``others`` : forces (n_full, n_time) of all
-        other interfaces on the bodies, N."""
+    def bond_tractions(self, others: Callable[[slice], Array]) -> dict[int, Array]:
+        """Tractions (n_time, k) on side E of each bond, local frames, Pa; ``others`` : forces (n_full, n_instant) of
+        all other interfaces on the bodies at some instants, N."""
         march, n = self.march.march, len(self.histories)
         if not self.march.tied.bonded:
             return {}
         moved = self.full(slice(None), 0, slice(None)).T
         loads = np.stack([march.load(t) for t in range(n)], axis=1)
-        made = march.bonds.tractions(self.march.tied.model.stiffness @ moved - loads - others)
+        made = march.bonds.tractions(self.march.tied.model.stiffness @ moved - loads - others(slice(None)))
         known = {} if self.march.start is None else self.march.start.traction
         for i, traction in made.items():
             name = march.problem.units[i].name

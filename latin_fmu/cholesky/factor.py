@@ -178,12 +178,16 @@ class CholeskyFactor:
         if b.shape[1] < MANY:
             x = self._swept(x, forward_one, forward_tile, False)
             return self._swept(x, backward_one, backward_tile, False)[place]
+        self._multiplied(x, self.symbolic.face_start)
+        return x[place]
+
+    def _multiplied(self, x: Array, starts: Index) -> None:
+        """Both substitutions of x (n, m) in elimination order, in place, by matrix products; ``starts`` : of the part
+        of each supernode that is not zero."""
         below = np.diff(self.symbolic.row_start).max(initial=0)
         # a panel, and the products of all columns with the rows below one
-        scratch = np.empty(np.diff(self.symbolic.panel_start).max(initial=0)), np.empty(b.shape[1] * below)
-        pattern = (*self._pattern, self.symbolic.face_start)
-        solve_on_face(routines(), *pattern, self.panels, b.shape[1], x.reshape(-1), *scratch)
-        return x[place]
+        scratch = np.empty(np.diff(self.symbolic.panel_start).max(initial=0)), np.empty(x.shape[1] * below)
+        solve_on_face(routines(), *self._pattern, starts, self.panels, x.shape[1], x.reshape(-1), *scratch)
 
     def face_inverse(self, pattern: sp.csr_array) -> sp.csr_array:
         """Entries of A^-1 on a symmetric pattern (n, n) that is part of the matrix's, rows and columns of the face."""
@@ -228,6 +232,13 @@ class CholeskyFactor:
 
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""
+        if b.shape[1] >= MANY and not len(self.last):
+            self._check_rows("b", len(b), len(self.symbolic.order))
+            x = np.ascontiguousarray(b[self.symbolic.order], dtype=float)
+            self._multiplied(x, np.zeros_like(self.symbolic.face_start))
+            out = np.empty_like(x)
+            out[self.symbolic.order] = x
+            return out
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
 

@@ -1,4 +1,4 @@
-"""Solutions on a face for many right-hand sides at once, by matrix products.
+"""Solutions for many right-hand sides at once, on a face or everywhere, by matrix products.
 
 The substitutions of ``substitution`` with the columns of the right-hand sides side by side: the products with the
 blocks L11^-1 and L21 of a panel are those of BLAS, so that a panel is read once for all columns.

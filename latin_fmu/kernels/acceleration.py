@@ -79,20 +79,10 @@ def weighted_products(metric: Array, old: Array, new: Array, rest: Array) -> tup
 
 
 @kernel
-def take_step(
-    q: Array,
-    residual: Array,
-    depth: int,
-    relaxation: float,
-    dq: Array,
-    dr: Array,
-    gram: Array,
-    least: Array,
-    count: int,
-    products: Array,
-) -> None:
-    """q (n,) := next iterate; ``products`` (2 depth,): of the last difference with all, and of r with all."""
-    n, row, kept = len(q), (count - 1) % depth, min(count, depth)  # a ring: the oldest difference is replaced
+def find_weights(depth: int, gram: Array, least: Array, count: int, products: Array) -> int:
+    """Weights gamma of the differences, into ``least`` from ``depth`` on, and how many there are; ``products``
+    (2 depth,): of the last difference with all, and of r with all."""
+    row, kept = (count - 1) % depth, min(count, depth)  # a ring: the oldest difference is replaced
     right, gamma = least[:depth], least[depth : 2 * depth]
     for a in range(kept):
         # row and column of the difference that is new
@@ -100,11 +90,20 @@ def take_step(
         gram[a * depth + row] = products[2 * a]
         right[a] = products[2 * a + 1]
     least_squares(gram, depth, right, kept, least[2 * depth :], gamma)
+    return kept
+
+
+@kernel
+def take_step(
+    q: Array, residual: Array, relaxation: float, kept: int, gamma: Array, dq: Array, dr: Array, stride: int
+) -> None:
+    """q := next iterate, in a part of it of len(q) numbers; differences ``stride`` numbers apart."""
+    n = len(q)
     for j in range(n):
         q[j] += relaxation * residual[j]
     for a in range(kept):
         if gamma[a] != 0.0:
-            past_q, past_r = dq[a * n : (a + 1) * n], dr[a * n : (a + 1) * n]
+            past_q, past_r = dq[a * stride : a * stride + n], dr[a * stride : a * stride + n]
             for j in range(n):
                 q[j] -= gamma[a] * (past_q[j] + relaxation * past_r[j])
 
@@ -141,14 +140,15 @@ def anderson(
     if depth == 0 or count <= 0:
         relax(q, residual, relaxation, last_q, last_r)
         return
-    # behind what ``take_step`` uses of ``least``: 2 depth and (depth + 1) depth numbers
+    # behind what ``find_weights`` uses of ``least``: 2 depth and (depth + 1) depth numbers
     n, row, products = len(q), (count - 1) % depth, least[(depth + 3) * depth :]
     own_r = dr[row * n : (row + 1) * n]
     take_differences(q, residual, last_q, last_r, dq[row * n : (row + 1) * n], own_r)
     for a in range(min(count, depth)):
         old = dr[a * n : (a + 1) * n]
         products[2 * a], products[2 * a + 1] = weighted_products(metric, old, own_r, residual)
-    take_step(q, residual, depth, relaxation, dq, dr, gram, least, count, products)
+    kept = find_weights(depth, gram, least, count, products)
+    take_step(q, residual, relaxation, kept, least[depth:], dq, dr, n)
 
 
 @kernel
@@ -161,15 +161,7 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
     if depth == 0 or count <= 0:
         return
     row, kept = (count - 1) % depth, min(count, depth)
-    new_r = run.dr + row * n
-    take_differences(
-        work[run.q : run.q + n],
-        work[run.r : run.r + n],
-        work[run.last_q : run.last_q + n],
-        work[run.last_r : run.last_r + n],
-        work[run.dq + row * n : run.dq + (row + 1) * n],
-        work[new_r : new_r + n],
-    )
+    new_q, new_r = run.dq + row * n, run.dr + row * n
     parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
     # behind the measures: both go with one message
     for e in range(run.n_interface):
@@ -177,12 +169,14 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
     for i in range(window):
         for e in range(run.n_interface):
             size = pools.fixed_int[run.segments + 3 * e + 2]
-            for side in range(2):
+            for side in range(pools.fixed_int[run.sides + e]):
                 at = pools.fixed_int[run.segments + 3 * e + side]
                 # weights are those of one instant: read before the place moves on to instant i
                 metric = pools.fixed[run.metric + at : run.metric + at + size]
                 at += i * n_flat
                 new, rest = work[new_r + at : new_r + at + size], work[run.r + at : run.r + at + size]
+                last_q, last_r = work[run.last_q + at : run.last_q + at + size], work[run.last_r + at :]
+                take_differences(work[run.q + at : run.q + at + size], rest, last_q, last_r, work[new_q + at :], new)
                 for a in range(kept):
                     old = work[run.dr + a * n + at : run.dr + a * n + at + size]
                     product, projection = weighted_products(metric, old, new, rest)
@@ -194,24 +188,25 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
 def next_iterate(pools: Any, window: int, count: int) -> None:
     """Next q of the window after ``count`` steps from the ``parts`` of all interfaces; see the head of this file."""
     run, work = pools.run[0], pools.moving
-    n, depth = window * run.n_flat, run.depth
-    q, r = work[run.q : run.q + n], work[run.r : run.r + n]
-    if depth == 0 or count <= 0:
-        relax(q, r, run.relaxation, work[run.last_q : run.last_q + n], work[run.last_r : run.last_r + n])
+    n, depth, kept = window * run.n_flat, run.depth, -1
+    gram, least = work[run.gram : run.gram + depth * depth], work[run.least : run.least + (depth + 3) * depth]
+    if depth > 0 and count > 0:
+        add_parts(pools, MEASURES, 2 * min(count, depth))
+        kept = find_weights(depth, gram, least, count, work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth])
+    for e in range(run.n_interface):
+        size = pools.fixed_int[run.segments + 3 * e + 2]
+        for i in range(window):
+            # ground takes no part in the linear stage
+            for side in range(pools.fixed_int[run.sides + e]):
+                at = i * run.n_flat + pools.fixed_int[run.segments + 3 * e + side]
+                q, r = work[run.q + at : run.q + at + size], work[run.r + at : run.r + at + size]
+                if kept < 0:
+                    relax(q, r, run.relaxation, work[run.last_q + at :], work[run.last_r + at :])
+                    continue
+                dq, dr = work[run.dq + at :], work[run.dr + at :]
+                take_step(q, r, run.relaxation, kept, least[depth : 2 * depth], dq, dr, n)
+    if kept < 0:
         return
-    add_parts(pools, MEASURES, 2 * min(count, depth))
-    take_step(
-        q,
-        r,
-        depth,
-        run.relaxation,
-        work[run.dq : run.dq + depth * n],
-        work[run.dr : run.dr + depth * n],
-        work[run.gram : run.gram + depth * depth],
-        work[run.least : run.least + (depth + 3) * depth],
-        count,
-        work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth],
-    )
     if run.longest_step < np.inf:  # without a limit no process sends anything
         step_parts(pools, window)
         exchange_parts(pools)

@@ -82,26 +82,44 @@ def stiffened(pools: Any, c: int, i: int) -> float:
 
 @kernel
 def on_rows(pools: Any, c: int, x: Array, out: Array) -> None:
-    """out (k,) = R x."""
+    """out (k,) = R x; four rows at a time, so that x is read once for them."""
     row = pools.classes[c]
-    for p in range(row.n_elastic):
-        own = pools.fixed[row.elastic_rows + p * row.n : row.elastic_rows + (p + 1) * row.n]
-        total = 0.0
-        for i in range(row.n):
+    n, k = row.n, row.n_elastic
+    table = pools.fixed[row.elastic_rows : row.elastic_rows + k * n]
+    for p in range(0, k - k % 4, 4):
+        first, second = table[p * n : (p + 1) * n], table[(p + 1) * n : (p + 2) * n]
+        third, fourth = table[(p + 2) * n : (p + 3) * n], table[(p + 3) * n : (p + 4) * n]
+        t0 = t1 = t2 = t3 = 0.0
+        for i in range(n):
+            value = x[i]
+            t0 += first[i] * value
+            t1 += second[i] * value
+            t2 += third[i] * value
+            t3 += fourth[i] * value
+        out[p], out[p + 1], out[p + 2], out[p + 3] = t0, t1, t2, t3
+    for p in range(k - k % 4, k):
+        own, total = table[p * n : (p + 1) * n], 0.0
+        for i in range(n):
             total += own[i] * x[i]
         out[p] = total
 
 
 @kernel
 def add_rows(pools: Any, c: int, factor: float, weights: Array, out: Array) -> None:
-    """out += factor R^T weights."""
+    """out += factor R^T weights, likewise."""
     row = pools.classes[c]
-    for p in range(row.n_elastic):
-        own, weight = (
-            pools.fixed[row.elastic_rows + p * row.n : row.elastic_rows + (p + 1) * row.n],
-            factor * weights[p],
-        )
-        for i in range(row.n):
+    n, k = row.n, row.n_elastic
+    table = pools.fixed[row.elastic_rows : row.elastic_rows + k * n]
+    for p in range(0, k - k % 4, 4):
+        first, second = table[p * n : (p + 1) * n], table[(p + 1) * n : (p + 2) * n]
+        third, fourth = table[(p + 2) * n : (p + 3) * n], table[(p + 3) * n : (p + 4) * n]
+        t0, t1 = factor * weights[p], factor * weights[p + 1]
+        t2, t3 = factor * weights[p + 2], factor * weights[p + 3]
+        for i in range(n):
+            out[i] += (t0 * first[i] + t1 * second[i]) + (t2 * third[i] + t3 * fourth[i])
+    for p in range(k - k % 4, k):
+        own, weight = table[p * n : (p + 1) * n], factor * weights[p]
+        for i in range(n):
             out[i] += weight * own[i]
 
 

@@ -37,7 +37,7 @@ from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
 from .energy_parts import LARGEST, N_WORK, NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from .half_solves import forward_on_face, gain_of
-from .patched import patched_norms
+from .patched import memory_for, patched_norms
 from .products import symmetric_size, two_norms
 from .sparse_response import add_table_norms
 from .splits import dense, tile_of
@@ -86,7 +86,7 @@ def _add_parts(pools: Any, e: int, i: int, window: int, parts: Array) -> None:
     run, work, fixed, n = pools.run[0], pools.moving, pools.fixed, pools.run[0].n_flat
     size, alone = pools.fixed_int[run.segments + 3 * e + 2], window == 1
     difference, changed, tractions, whole, power = 0.0, 0.0, 0.0, 0.0, 0.0
-    for side in range(2):
+    for side in range(pools.fixed_int[run.sides + e]):  # ground weighs nothing, and moves as the law says
         at = pools.fixed_int[run.segments + 3 * e + side]
         k, still = fixed[run.k + at : run.k + at + size], fixed[run.still + at : run.still + at + size]
         of_r, area = fixed[run.weights + at : run.weights + at + size], fixed[run.area + at : run.area + at + size]
@@ -160,11 +160,12 @@ def class_norms(pools: Any, c: int, window: int) -> None:
         if row.swept == 1:
             _add_swept_norms(pools, c, i, parts)
             continue
+        if row.patched == 1:
+            _add_patched_norms(pools, c, i, parts)
+            continue
         for part in range(parts):
             n = row.n_normal if part == 0 else row.n_live - row.n_normal
-            if n > 0 and row.patched == 1:
-                _add_patched_norms(pools, c, i, start, n, 2 * part)
-            elif n > 0:
+            if n > 0:
                 _add_norms(pools, c, i, start, n, row.compliance + at, 2 * part)
             start += n
             at += symmetric_size(n, row.plain_response, row.m)
@@ -350,22 +351,22 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
 
 
 @kernel
-def _add_patched_norms(pools: Any, c: int, i: int, start: int, n: int, into: int) -> None:
-    """``_add_norms`` of a class in patches, C being the gain of the scheme times S^-1."""
+def _add_patched_norms(pools: Any, c: int, i: int, parts: int) -> None:
+    """``_add_norms`` of all parts of a class in patches, C being the gain of the scheme times S^-1."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
-    measured = pools.fixed_int[row.measured + start : row.measured + start + n]
-    place = pools.fixed_int[row.measured_place + start : row.measured_place + start + n]
-    x, gain = work[row.vectors : row.vectors + 2 * row.n_live], gain_of(row, run)
+    n, measured, place = row.n_live, pools.fixed_int[row.measured :], pools.fixed_int[row.measured_place :]
+    x, sums, gain = work[row.vectors : row.vectors + 4 * n], work[row.answers : row.answers + 6], gain_of(row, run)
     x[:] = 0.0
     for e in range(n):
-        at = pools.fixed_int[row.channels + measured[e]]
-        x[place[e]] = pools.fixed[run.area + at] * work[run.local_f + i * run.n_flat + at]
-        x[row.n_live + place[e]] = 0.5 * pools.fixed[run.area + at] * work[run.r + i * run.n_flat + at]
+        at, to = pools.fixed_int[row.channels + measured[e]], place[e] + (0 if e < row.n_normal else 2 * n)
+        x[to] = pools.fixed[run.area + at] * work[run.local_f + i * run.n_flat + at]
+        x[n + to] = 0.5 * pools.fixed[run.area + at] * work[run.r + i * run.n_flat + at]
     header, numbers = pools.fixed_int[row.inverse_header :], pools.fixed_single[row.schur_inverse :]
-    force, half, cross = patched_norms(header, numbers, x, tile_of(row, work))
-    work[row.class_norms + 4 * i + into] += gain * force
-    work[row.class_norms + 4 * i + into + 1] += gain * half
-    work[row.cross + i] += gain * cross
+    patched_norms(header, numbers, x, parts, memory_for(tile_of(row, work), numbers), sums)
+    for part in range(parts):
+        work[row.class_norms + 4 * i + 2 * part] += gain * sums[3 * part]
+        work[row.class_norms + 4 * i + 2 * part + 1] += gain * sums[3 * part + 1]
+        work[row.cross + i] += gain * sums[3 * part + 2]
 
 
 @kernel

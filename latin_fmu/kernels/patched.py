@@ -1,4 +1,8 @@
-"""Products with dense symmetric matrices in patches (``propagator.patches``)."""
+"""Products with dense symmetric matrices in patches (``propagator.patches``).
+
+They are computed in the precision of their scratch. In single precision twice as many numbers fit a register, and those
+of the matrix are taken as they are: half of the time of a product in the cache.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +11,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import kernel
+from ..compiled import kernel, lazy_intrinsic
 from .products import packed_product, two_norms
 
 Array = NDArray[np.float64]
+
+
+def _memory(_context: Any, block: Any, numbers: Any) -> Any:
+    from numba import types
+
+    kind: Any = types.Array(numbers.dtype, 1, "C")
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        from numba.np import arrayobj
+
+        arrays: Any = arrayobj
+        whole = arrays.make_array(signature.args[0])(context, builder, values[0])
+        made = arrays.make_array(kind)(context, builder)
+        size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+        width, bytes_of = (context.get_constant(types.intp, n) for n in (8 // size, size))
+        count = builder.mul(builder.extract_value(whole.shape, 0), width)
+        data = builder.bitcast(whole.data, made.data.type)
+        arrays.populate_array(made, data, shape=[count], strides=[bytes_of], itemsize=bytes_of, meminfo=None)
+        return made._getvalue()
+
+    return kind(block, numbers), generate
+
+
+memory_for: Any = lazy_intrinsic(_memory, lambda block, numbers: block.view(numbers.dtype))
+"""Memory of an array of float64 as one of numbers of the kind of another array: ``memory_for(block, numbers)``."""
 
 
 @kernel
 def project(size: int, rank: int, basis: Any, x: Array, out: Array) -> None:
     """out (rank,) = U x for U (rank, size)."""
     for k in range(rank):
-        line, total = basis[k * size : (k + 1) * size], 0.0
-        for j in range(size):
+        line = basis[k * size : (k + 1) * size]
+        total = line[0] * x[0]  # of the kind of both
+        for j in range(1, size):
             total += line[j] * x[j]
         out[k] = total
 
 
 @kernel
 def patched_product(header: Any, numbers: Any, x: Array, out: Array, scratch: Array) -> None:
-    """out (n,) = A x; ``header`` and ``numbers`` as ``Patches`` has them, scratch (4 n,)."""
+    """out (n,) = A x in the precision of scratch (4 n,); ``header`` and ``numbers`` as ``Patches`` has them."""
     count, n, rank = header[0], header[1], header[2]
     first, ranks = header[3 : 4 + count], header[4 + count : 4 + 2 * count]
     order = header[4 + 2 * count : 4 + 2 * count + n]
@@ -57,24 +87,34 @@ def patched_product(header: Any, numbers: Any, x: Array, out: Array, scratch: Ar
 
 
 @kernel
-def patched_norms(header: Any, numbers: Any, x: Array, scratch: Array) -> tuple[float, float, float]:
-    """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0; scratch (4 n,)."""
+def patched_norms(header: Any, numbers: Any, x: Array, pairs: int, scratch: Array, sums: Array) -> None:
+    """x_0 A x_0, x_1 A x_1 and x_1 A x_0 of pairs of rows x_0, x_1 of x (2 pairs, n), into ``sums`` (3 pairs,), in the
+    precision of scratch (4 pairs n,). Each patch is taken for all pairs while it is in the cache."""
     count, n, rank = header[0], header[1], header[2]
     first, ranks = header[3 : 4 + count], header[4 + count : 4 + 2 * count]
     order = header[4 + 2 * count : 4 + 2 * count + n]
-    placed, shares = scratch[: 2 * n], scratch[2 * n : 2 * n + 2 * rank]
-    one, two, both, at, r = 0.0, 0.0, 0.0, 0, 0
+    placed, shares = scratch[: 2 * pairs * n], scratch[2 * pairs * n : 2 * pairs * (n + rank)]
+    sums[: 3 * pairs] = 0.0
+    at, r = 0, 0
     for p in range(count):
         low, size = first[p], first[p + 1] - first[p]
-        pair = placed[2 * low : 2 * low + 2 * size]
-        for i in range(size):
-            pair[i], pair[size + i] = x[order[low + i]], x[n + order[low + i]]
-        within = two_norms(size, numbers[at:], pair)
-        one, two, both = one + within[0], two + within[1], both + within[2]
-        at += size * (size + 1) // 2
-        for side in range(2):
-            project(size, ranks[p], numbers[at:], pair[side * size : (side + 1) * size], shares[side * rank + r :])
-        at += ranks[p] * size
+        own, bases = placed[2 * pairs * low : 2 * pairs * (low + size)], at + size * (size + 1) // 2
+        for k in range(2 * pairs):
+            for i in range(size):
+                own[k * size + i] = x[k * n + order[low + i]]
+            project(size, ranks[p], numbers[bases:], own[k * size : (k + 1) * size], shares[k * rank + r :])
+        for k in range(pairs):
+            _add_two_norms(size, numbers[at:], own[2 * k * size :], sums[3 * k :])
+        at = bases + ranks[p] * size
         r += ranks[p]
-    across = two_norms(rank, numbers[at:], shares)
-    return one + across[0], two + across[1], both + across[2]
+    for k in range(pairs):
+        _add_two_norms(rank, numbers[at:], shares[2 * k * rank :], sums[3 * k :])
+
+
+@kernel
+def _add_two_norms(n: int, a: Any, x: Array, sums: Array) -> None:
+    """Add ``two_norms`` of a packed matrix to sums (3,)."""
+    one, two, both = two_norms(n, a, x)
+    sums[0] += one
+    sums[1] += two
+    sums[2] += both

@@ -197,8 +197,8 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("kept_states", "work (w // (isqrt(w) + 1) + 1, n_state) if w > 1: states inside a window of several instants"),
     ("channel", "work (c, m)"),
     ("answer", "work (c, m)"),
-    ("vectors", "work (2 * m, n_live)"),
-    ("answers", "work (2 * m, max(n_live, c))"),
+    ("vectors", "work (4 * m if patched else 2 * m, n_live)"),
+    ("answers", "work (2 * m, max(n_live, c, 3))"),
     (
         "tile",
         "work (-(-2 * m // LANES) if m >= TILED else m, max(n, c) + SPARE, LANES): tiles of twice the members from "

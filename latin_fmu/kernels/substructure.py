@@ -39,7 +39,7 @@ from .face import count_from_start, keep_face_forces, keep_load, subtract_face
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
 from .maxwell import add_strains, leave_instant, reach_instant
-from .patched import patched_product
+from .patched import memory_for, patched_product
 from .products import packed_product, symmetric_size, tile_width
 from .records import STATIC
 from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute, tile_of
@@ -317,7 +317,8 @@ def add_condensed(pools: Any, c: int, incoming: Array, w: Array) -> None:
     if row.patched == 1:
         header, scratch = pools.fixed_int[row.response_header :], tile_of(row, work)
         if row.halved == 1:
-            patched_product(header, pools.fixed_single[row.response :], incoming[:n_live], answer, scratch)
+            table = pools.fixed_single[row.response :]
+            patched_product(header, table, incoming[:n_live], answer, memory_for(scratch, table))
         else:
             patched_product(header, pools.fixed[row.response :], incoming[:n_live], answer, scratch)
     elif row.halved == 1:  # of one member

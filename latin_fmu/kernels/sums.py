@@ -25,6 +25,7 @@ RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
     ("n_part", "interfaces of all processes"),
     ("part_width", "numbers of a row of ``parts``"),
     ("segments", "constants, int64 (n_interface, 3): first channels of both sides of an interface, channels of a side"),
+    ("sides", "constants, int64 (n_interface,): sides that iterate, 1 where E' is ground, with inertia"),
     ("part_order", "constants, int64 (n_part,): rows of the interfaces in ``parts``, in the order of the scene"),
     ("parts", "work (n_part, part_width): sums over each interface, those of all processes"),
     ("own_parts", "work (n_interface, part_width) if shared else parts: those here"),

@@ -39,16 +39,17 @@ def lowest_modes(
     space, pulled = np.empty((n, room), order="F"), np.empty((n, room), order="F")
     gram = np.zeros((room, room))
     random = np.random.default_rng(0)  # the same modes every time
-    block, size = solve(mass @ random.normal(size=(n, min(BLOCK, n)))), 0
+    rest, size = solve(mass @ random.normal(size=(n, min(BLOCK, n)))), 0
     while True:
-        block = _orthonormal(block, space[:, :size], pulled[:, :size], mass, random)
+        block, image = _orthonormal(rest, space[:, :size], pulled[:, :size], mass, random)
         width = min(block.shape[1], room - size)
-        block = block[:, :width]
-        space[:, size : size + width], pulled[:, size : size + width] = block, mass @ block
+        space[:, size : size + width], pulled[:, size : size + width] = block[:, :width], image[:, :width]
         answer = solve(pulled[:, size : size + width])
         size += width
         own = pulled[:, :size].T @ answer
         gram[:size, size - width : size], gram[size - width : size, :size] = own, own.T
+        # the new direction, of which a mode has its last components
+        rest = answer - space[:, :size] @ own
         full = size >= room
         if full or (size // BLOCK) % _LOOK == 0:
             inverse, turn = la.eigh(gram[:size, :size])
@@ -57,27 +58,31 @@ def lowest_modes(
             count = int((values <= limit).sum())
             if count > most:
                 return None
-            # the new direction, of which a mode has its last components
-            rest = answer - space[:, :size] @ (pulled[:, :size].T @ answer)
             left = np.sqrt(max(float(la.norm(rest.T @ (mass @ rest), 2)), 0.0))
             error = left * la.norm(turn[size - width :, : count + 1], axis=0) * (values[: count + 1] + shift)
             if full or (size > count + BLOCK and error.max(initial=0.0) <= _EXACT):
                 return values[:count], space[:, :size] @ turn[:, :count]
-        block = answer
 
 
-def _orthonormal(block: Array, space: Array, pulled: Array, mass: sp.csr_array, random: np.random.Generator) -> Array:
-    """The block orthonormal in the mass, and orthogonal to the space; random vectors in the place of dependent ones."""
-    for _ in range(2):
-        for _ in range(2):
-            block = block - space @ (pulled.T @ block)
-        size, turn = la.eigh(block.T @ (mass @ block))
+def _orthonormal(
+    block: Array, space: Array, pulled: Array, mass: sp.csr_array, random: np.random.Generator
+) -> tuple[Array, Array]:
+    """The block orthonormal in the mass, and orthogonal to the space, to which it is up to round-off; random vectors in
+    the place of dependent ones. With it its product with the mass."""
+    image: Array = mass @ block
+    for _ in range(3):
+        size, turn = la.eigh(block.T @ image)
         sound = size > _DEPENDENT * size[-1]
-        if not sound.all():
-            turn, size = turn[:, sound], size[sound]
-        made = block @ (turn / np.sqrt(size))
-        missing = block.shape[1] - made.shape[1]
-        block = made if not missing else np.hstack([made, random.normal(size=(len(made), missing))])
-    size, turn = la.eigh(block.T @ (mass @ block))
-    result: Array = block @ (turn / np.sqrt(size))
-    return result
+        turn = turn[:, sound] / np.sqrt(size[sound])
+        missing = block.shape[1] - turn.shape[1]
+        block = block @ turn
+        if missing:
+            block = np.hstack([block, random.normal(size=(len(block), missing))])
+        # once more: what round-off left of the space was enlarged with the block
+        block = block - space @ (pulled.T @ block)
+        image = mass @ block
+        if not missing:
+            break
+    size, turn = la.eigh(block.T @ image)
+    turn = turn / np.sqrt(size)
+    return block @ turn, image @ turn

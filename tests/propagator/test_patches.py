@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.kernels.patched import patched_norms, patched_product
+from latin_fmu.kernels.patched import memory_for, patched_norms, patched_product
 from latin_fmu.propagator.patches import Patches, in_patches, partition
 
 POINTS = 24  # of each face
@@ -72,11 +72,29 @@ def test_norms_are_those_of_the_products() -> None:
     places = faces(4, 2.0, 9)
     matrix = compliance(places)
     patches = in_patches(matrix, by_face(4), 1e-6, np.float64)
-    pair = np.random.default_rng(10).normal(size=(2, len(places)))
-    found = patched_norms(patches.header, patches.numbers, pair.ravel(), np.empty(4 * len(places)))
-    on_first, on_second = product(patches, pair[0]), product(patches, pair[1])
-    expected = pair[0] @ on_first, pair[1] @ on_second, pair[1] @ on_first
-    np.testing.assert_allclose(found, expected, rtol=1e-11)
+    rows, found = np.random.default_rng(10).normal(size=(4, len(places))), np.empty(6)
+    patched_norms(patches.header, patches.numbers, rows.ravel(), 2, np.empty(8 * len(places)), found)
+    for first, second, norms in zip(rows[::2], rows[1::2], found.reshape(2, 3), strict=True):
+        on_first, on_second = product(patches, first), product(patches, second)
+        expected = first @ on_first, second @ on_second, second @ on_first
+        np.testing.assert_allclose(norms, expected, rtol=1e-11)
+
+
+def test_products_in_single_precision_are_those_in_double_within_its_round_off() -> None:
+    places = faces(4, 3.0, 11)
+    patches = in_patches(compliance(places), by_face(4), 1e-6, np.float32)
+    x, out = np.random.default_rng(12).normal(size=len(places)), np.empty(len(places))
+    patched_product(patches.header, patches.numbers, x, out, memory_of_single(4 * len(places), patches))
+    off = np.abs(out - product(patches, x)).max() / np.abs(out).max()
+    assert 0.0 < off <= len(places) * np.finfo(np.float32).eps
+
+
+def memory_of_single(size: int, patches: Patches) -> np.ndarray:
+    """Memory of so many numbers of float64 as one of numbers of the kind of the matrix."""
+    whole: np.ndarray = memory_for(np.empty(size), patches.numbers)
+    assert whole.dtype == np.float32
+    assert len(whole) == 2 * size
+    return whole
 
 
 def test_patches_are_the_faces_and_read_less_than_the_matrix() -> None:
