@@ -28,6 +28,7 @@ from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
 from ..propagator.model import SubstructureModel, closest_reduced
+from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
 from .reduced_run import NAME, ReducedMarch
 from .tied_assembly import jump_rows
@@ -154,18 +155,22 @@ class Motions:
         shape = own.shape[0], self.shapes.shape[0]
         return sp.csr_array((own.data, own.indices + where.start, own.indptr), shape=shape)
 
+    @cached_property
+    def _strains(self) -> dict[MaxwellBranches, Array]:
+        """``strains`` that are known, by branches."""
+        return {}
+
     def strains(self, model: SubstructureModel) -> Array:
         """What Maxwell branches add to the amplitudes of the displacements in the internal forces of a body, (n_time,
-        n_shape): of each mode at its own frequency."""
-        reduced = self.march.reduced
-        first, m = reduced.rigid.shape[1], reduced.n_mode
-        added: Array = np.zeros_like(self.amplitudes[0])
-        if len(model.branches):
-            omega = np.sqrt(reduced.poles[0])
-            rise = model.branches.rise(1j * omega)
-            elastic, viscous = (self.amplitudes[kind][:, first:m] for kind in (0, 1))
-            added[:, first:m] = elastic * rise.real + viscous * (rise.imag / omega)
-        return added
+        n_shape): the sum of their elongations times their strengths, relaxed at the start, as ``kernels.maxwell``."""
+        if model.branches not in self._strains:
+            from scipy.signal import lfilter  # takes longer to import than most runs need
+
+            moved = self.amplitudes[0] - self.amplitudes[0][0]
+            added = self._strains[model.branches] = np.zeros_like(moved)
+            for strength, kept, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
+                added += strength * lfilter([of_motion, -of_motion], [1.0, -kept], moved, axis=0)
+        return self._strains[model.branches]
 
     # -- forces of bonds -------------------------------------------------------------------------------------------
     def internal_forces(self) -> Array:

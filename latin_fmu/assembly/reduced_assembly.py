@@ -181,6 +181,13 @@ class ReducedAssembly:
         none = np.zeros((tied.mass.shape[0], 0))
         return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities)
 
+    def coarser(self, dt: float, cutoff: float) -> ReducedAssembly:
+        """The same, without loads, for longer steps dt and with the modes up to a lower ``cutoff``, Hz, alone."""
+        limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
+        some = self.values <= limit
+        none = np.zeros((len(self.forces), 0))
+        return replace(self, dt=dt, elastic=self.elastic[:, some], values=self.values[some], forces=none)
+
     def with_forces(self, forces: Array) -> ReducedAssembly:
         """The same under loads (n_full, n_load), N for amplitude 1."""
         return replace(self, forces=np.asarray(self.tied.expansion.T @ forces))

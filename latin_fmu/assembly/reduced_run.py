@@ -37,6 +37,8 @@ from .tied_assembly import TiedAssembly, TieError
 _SEARCH: Final = 3.3  # factor on the search direction
 _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
+COARSER: Final = 1.5
+"""Cut-off of the modes of a march over that of the one that tells its error."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
 
@@ -206,24 +208,21 @@ def reduced_march(
     bodies: Assembly,
     start: InitialState | None,
     viscosities: Mapping[str, float],
+    finer: ReducedMarch | None = None,
 ) -> ReducedMarch:
     """The reduced assembly of a scene.
 
     classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
     start : the equilibrium that the motion starts from. viscosities : b of the damping b K by strains, s, by body.
+    finer : of the same scene in shorter steps, whose modes up to 1 / ``COARSER`` of its cut-off are taken.
 
     Raises
     ------
     TieError : an assembly that cannot be reduced.
     """
-    units, dt, cutoff = bodies.interfaces, bodies.dt, cutoff_of(scene, bodies.dt)
-    tied = TiedAssembly.of(classes, units, bodies.layout)
-    for i in (*tied.joints.bonded, *tied.joints.linear):
-        if units[i].against_ground and bodies.ground.velocity[i].any():
-            raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    modes = ReducedAssembly.of(tied, dt, cutoff, viscosities)
-    if modes is None:
-        raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
+    units = bodies.interfaces
+    modes, cutoff = _modes(scene, classes, bodies, viscosities) if finer is None else _fewer_modes(finer, bodies.dt)
+    tied = modes.tied
     drives = drives_of(tied, modes, bodies)
     reduced = modes.with_forces(drives.forces)
     relative = tied.joints.relative
@@ -256,6 +255,27 @@ def reduced_march(
     moved = np.concatenate([m.displacement for m in tied.models])
     stored = 0.5 * float(moved @ (tied.full[0] @ moved))
     return ReducedMarch(assembly, bodies, reduced, drives, relative, cutoff, stored)
+
+
+def _modes(
+    scene: Scene, classes: Sequence[ModelClass], bodies: Assembly, viscosities: Mapping[str, float]
+) -> tuple[ReducedAssembly, float]:
+    """Modes of the assembly, and the frequency up to which they are taken, Hz."""
+    units, cutoff = bodies.interfaces, cutoff_of(scene, bodies.dt)
+    tied = TiedAssembly.of(classes, units, bodies.layout)
+    for i in (*tied.joints.bonded, *tied.joints.linear):
+        if units[i].against_ground and bodies.ground.velocity[i].any():
+            raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
+    modes = ReducedAssembly.of(tied, bodies.dt, cutoff, viscosities)
+    if modes is None:
+        raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
+    return modes, cutoff
+
+
+def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
+    """Those of a march in steps dt, s, that tells the error of a finer one."""
+    cutoff = finer.cutoff / COARSER
+    return finer.reduced.coarser(dt, cutoff), cutoff
 
 
 def cutoff_of(scene: Scene, dt: float) -> float:

@@ -297,8 +297,9 @@ def tile_of(row: Any, work: Array) -> Array:
 
 @kernel
 def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor R^T R x for ``count`` rows R from the place ``rows`` on: modal damping. Of one member four rows at a
-    time, so that x and out are read once for them."""
+    """out += factor R^T R x for ``count`` rows R from the place ``rows`` on: modal damping.
+
+    Of one member four rows at a time, so that x and out are read once for them."""
     row = pools.classes[c]
     n, m, begun = row.n, row.m, count - count % 4 if row.m == 1 else 0
     for p in range(0, begun, 4):
