@@ -21,17 +21,13 @@ PAYS: Final = 20.0
 """Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
 
 
-def tries_modes(discretised: DiscretisedProblem, predicted: float, restricted: bool) -> bool:
-    """Whether the march by modes is tried.
-
-    predicted : CPU seconds of the march of the bodies. restricted : whether the caller takes laws of its own,
-    derivatives, several processes, bolts that yield, or looks at iterates.
-    """
+def tries_modes(discretised: DiscretisedProblem) -> bool:
+    """Whether the march by modes suits a scene that leaves the choice to the program."""
     scene = discretised.scene
     automatic = isinstance(scene.solver.propagator, AutomaticPropagator) and isinstance(
         scene.time.scheme, AutomaticScheme
     )
-    if not automatic or predicted < PAYS or modes_refused(scene, restricted) or discretised.histories:
+    if not automatic or modes_refused(scene, False) or discretised.histories:
         return False
     # else bodies land, or a front reaches their faces
     if discretised.scheme.name != "hht":

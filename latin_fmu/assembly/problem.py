@@ -180,6 +180,8 @@ class SolverReadyProblem:
     """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
     reduced: WholeMarch | None = None
     """The whole assembly, which is marched in the place of its bodies; None where these are."""
+    modes_tried: bool = False
+    """Whether the program has chosen to march it by its modes, as long as the error of that is small."""
 
     def recorder(self) -> Recorder:
         """One that keeps what the scene asks for, in memory."""

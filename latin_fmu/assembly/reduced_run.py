@@ -37,7 +37,7 @@ from .tied_assembly import TiedAssembly, TieError
 _SEARCH: Final = 3.3  # factor on the search direction
 _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
-COARSER: Final = 1.5
+COARSER: Final = 2.0
 """Cut-off of the modes of a march over that of the one that tells its error."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
@@ -220,7 +220,7 @@ def reduced_march(
     ------
     TieError : an assembly that cannot be reduced.
     """
-    units = bodies.interfaces
+    units, dt = bodies.interfaces, bodies.dt
     modes, cutoff = _modes(scene, classes, bodies, viscosities) if finer is None else _fewer_modes(finer, bodies.dt)
     tied = modes.tied
     drives = drives_of(tied, modes, bodies)

@@ -424,7 +424,9 @@ class RunState(RunImage):
             work = max(float(works[LARGEST]), abs(float(works[OF_DRIFT])) if alone else 0.0)
             # residuals below NOTHING of the tractions are accepted, as of bodies that rest under a preload
             work -= negligible * max(1.0, NOTHING / ROUND_OFF * float(works[INSTANTS]))
-            short = self.settings.window == 1 and self.direction(1).short
+            # by residuals alone: the modes that are left out resolve no waves
+            waves = self.settings.window == 1 and not self.settings.residual_alone
+            short = waves and self.direction(1).short
             allowed = allowed_work(float(works[INSTANTS]), short)
             converged, sentence = with_work(sentence, work, put_in, allowed, self.settings.tolerance)
         if energy is None:

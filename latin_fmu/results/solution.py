@@ -36,6 +36,7 @@ from .summary import details as details_of
 from .summary import report
 
 if TYPE_CHECKING:
+    from ..accuracy.reduction import ReductionError
     import xarray as xr
 
 T = TypeVar("T", covariant=True)
@@ -69,6 +70,8 @@ class Solution:
     units : system of units of the scene, which labels the results.
     sensitivities : derivatives by parameters of the scene; None where none are requested.
     bands : bands of results from parameters that scatter; None where none do.
+    reduction : error of a march by modes that the program has chosen; None where the bodies were marched, or the scene
+        asks for modes.
 
     Examples
     --------
@@ -89,6 +92,7 @@ class Solution:
     units: UnitSystem = SI
     sensitivities: Sensitivities | None = None
     bands: Bands | None = None
+    reduction: ReductionError | None = None
 
     status = _of(lambda o: o.status, "One sentence, with a remedy where the run did not converge.")
     converged = _of(
