@@ -236,8 +236,8 @@ def solve(
         leave_out=(observer, behaviours, fields, processes) == (None,) * 4,
         yielding=(yielding := Yielding(scene)),
         looked_at=looked_at,
-        # a checkpoint belongs to one way of marching, studies compare runs
-        modes_open=checkpoint is None and kept is None and not looked_at and not yielding.tables,
+        # studies compare runs, which are marched alike
+        modes_open=kept is None and not looked_at and not yielding.tables,
     )
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     # derivatives take the histories of all instants from the memory
@@ -250,15 +250,19 @@ def solve(
         timings.setup = clock.process_time() - limit.begin
         left_out = problem.untouched
         names = [] if left_out is None else [*left_out.info]
+        names += ["by modes"] if problem.modes_tried else []
         digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
         options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
         try:
             outcome, recorder = _marched(problem, timings, options, wall, digest)
         except ResultsError:
-            if left_out is None:
+            # the checkpoint may be of a run of the bodies, or with all of them
+            if problem.modes_tried:
+                attempt = replace(attempt, modes_open=False)
+            elif left_out is not None:
+                attempt = replace(attempt, leave_out=False)
+            else:
                 raise
-            # the checkpoint may be of a run with all bodies
-            attempt = replace(attempt, leave_out=False)
             continue
         if left_out is not None and touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
             attempt = replace(attempt, leave_out=False)
@@ -506,7 +510,9 @@ def _made(
         modal, reasons = by_modes(scene, restricted)
         tried = how.modes_open and _tries_modes(discretised, prediction, restricted)
         if tried:
-            discretised = replace(discretised, scene=scene.replace("solver.propagator", "modal"))
+            from .assembly.modal_choice import by_choice
+
+            discretised = by_choice(discretised)
             prediction.discretised = discretised
         try:
             at_once = False

@@ -7,10 +7,11 @@ that of a march in steps twice as long with fewer modes (``accuracy.reduction``)
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from ..fem.contact_layer import longest_edge
-from ..scene.settings import AutomaticPropagator, AutomaticScheme
+from ..scene.settings import AutomaticPropagator, AutomaticScheme, ModalPropagatorTable
 from .problem import DiscretisedProblem
 from .propagator_choice import modes_refused
 from .tied_assembly import Joints, TieError
@@ -33,6 +34,13 @@ def tries_modes(discretised: DiscretisedProblem) -> bool:
     if discretised.scheme.name != "hht":
         return False
     return 0 < _relative(discretised) <= MOST_RELATIVE and _long_steps(discretised)
+
+
+def by_choice(discretised: DiscretisedProblem) -> DiscretisedProblem:
+    """The problem of a scene that asks for modes."""
+    # not by its text: interfaces that a search has found are in the scene of the problem alone
+    solver = discretised.scene.solver.model_copy(update={"propagator": ModalPropagatorTable()})
+    return replace(discretised, scene=discretised.scene.model_copy(update={"solver": solver}))
 
 
 def _relative(discretised: DiscretisedProblem) -> int:

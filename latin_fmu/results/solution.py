@@ -36,8 +36,9 @@ from .summary import details as details_of
 from .summary import report
 
 if TYPE_CHECKING:
-    from ..accuracy.reduction import ReductionError
     import xarray as xr
+
+    from ..accuracy.reduction import ReductionError
 
 T = TypeVar("T", covariant=True)
 
