@@ -330,11 +330,13 @@ def _reduction(
     from .accuracy.reduction import reduction_error
     from .assembly.modal_problem import coarser_problem
 
+    begin = clock.process_time()
     if not outcome.converged:
         return None, f"the march by modes was tried and {outcome.status.partition('.')[0]}"
     with one_thread():
         coarser = coarser_problem(prediction.discretised, problem.start, cast(Any, problem.reduced))
     other = _marched(coarser, Timings(), RunOptions(max_cpu=limit.left), None, "")[0]
+    outcome.timings.other += clock.process_time() - begin
     if not other.converged:
         return None, f"the march by modes was tried, and the one that tells its error {other.status.partition('.')[0]}"
     marches = [

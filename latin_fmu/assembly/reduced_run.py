@@ -39,6 +39,9 @@ _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequenc
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
 COARSER: Final = 2.0
 """Cut-off of the modes of a march over that of the one that tells its error."""
+FEWEST: Final = 20
+"""Elastic modes that are taken where there are as many below the frequency that a step resolves: relative motions have
+no inertia but that of the modes, and parts that nothing but contacts holds need one."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
 
@@ -266,7 +269,11 @@ def _modes(
     for i in (*tied.joints.bonded, *tied.joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
+    highest = highest_of(scene)
     modes = ReducedAssembly.of(tied, bodies.dt, cutoff, viscosities)
+    while modes is not None and highest is None and len(modes.values) < FEWEST and cutoff < _SHARE / bodies.dt:
+        cutoff = min(2.0 * cutoff, _SHARE / bodies.dt)
+        modes = ReducedAssembly.of(tied, bodies.dt, cutoff, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff
@@ -274,16 +281,24 @@ def _modes(
 
 def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
     """Those of a march in steps dt, s, that tells the error of a finer one."""
+    values = finer.reduced.values
     cutoff = finer.cutoff / COARSER
+    if len(values):  # half of the few that there must be
+        cutoff = max(cutoff, float(np.sqrt(values[min(FEWEST // 2, len(values)) - 1])) / (2.0 * np.pi))
     return finer.reduced.coarser(dt, cutoff), cutoff
+
+
+def highest_of(scene: Scene) -> float | None:
+    """Frequency up to which the scene asks for modes, Hz; None where it leaves that to the program."""
+    table = scene.solver.propagator
+    return table.highest if isinstance(table, ModalPropagatorTable) else None
 
 
 def cutoff_of(scene: Scene, dt: float) -> float:
     """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else ``_BEYOND`` times the highest one
     of its spectra."""
-    table = scene.solver.propagator
-    if isinstance(table, ModalPropagatorTable) and table.highest is not None:
-        return table.highest
+    if (highest := highest_of(scene)) is not None:
+        return highest
     asked = [s.spectrum.highest for s in scene.sensor.values() if s.spectrum is not None and s.spectrum.highest]
     return min(_BEYOND * max(asked), _SHARE / dt) if asked else _SHARE / dt
 

@@ -193,7 +193,10 @@ class Solution:
         text = f"  cost  {self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
             text += f", estimate of the errors by coarser runs {self.estimate.cpu:.2g} s more"
-        remarks = () if self.estimate is None else self.estimate.remarks
+        remarks = [] if self.estimate is None else [*self.estimate.remarks]
+        if self.reduction is not None:
+            marched = self.outcome.settings["propagator"]
+            remarks.append(f"marched by {marched}; what that leaves out is at most {self.reduction.in_words()}")
         notes = (line for remark in remarks for line in wrapped("note", remark))
         return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]
 

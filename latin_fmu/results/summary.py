@@ -157,8 +157,8 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         rows.append(("energy", _energy(outcome, units)))
     if outcome.resultants:
         rows.append(("balance", _balance(outcome.resultants, units)))
-    if "operators" in outcome.settings:
-        rows.append(("operators", outcome.settings["operators"]))
+    # what is marched, where it is not the bodies; what is read from a folder
+    rows += [(name, outcome.settings[name]) for name in ("propagator", "operators") if name in outcome.settings]
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
     lines = [f"  {label:<{width}}  {text}" for label, text in rows]
