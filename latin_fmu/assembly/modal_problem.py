@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..latin.assembly import Assembly, Layout
+from ..machine import give_back_memory
 from ..remarks import remarks_of
 from ..time_scheme import MasslessContact
 from .initial_state import InitialState, TightBolts
@@ -27,6 +28,7 @@ def modal_problem(discretised: DiscretisedProblem, start: InitialState | None) -
         start.hand_over(assembly)
     timeline = discretised.timeline_with(TightBolts() if start is None else start.bolts)
     timeline.begin(assembly, discretised.time, {}, assembly.ground.start)
+    give_back_memory()  # of the static start
     bodies = discretised.bodies.items()
     viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}
     march = reduced_march(discretised.scene, classes, assembly, start, viscosities)
