@@ -17,7 +17,6 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..kernels.iteration import AHEAD
 from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
 from ..latin.probes import FacePlace, OutputRequest
 from ..latin.recorder import Recorder
@@ -188,15 +187,11 @@ class ReducedMarch:
 
     def settings(self, given: SolverSettings) -> SolverSettings:
         """The rules of the iteration: the search direction is that of the compliance of all contacts together, and the
-        work of an iterate's error is far below that of the modes left out. Tractions are extrapolated from instant to
-        instant, what is left of the velocities adds up: that work ends a run unless the tolerance is ``AHEAD`` of the
-        given one."""
+        work of an iterate's error is far below that of the modes left out."""
         search = given.search_direction
         if search.kind == "automatic":
             search = replace(search, factor=_SEARCH * search.factor)
-        ahead = AHEAD * given.tolerance
-        alone = replace(given, tolerance=ahead, newton=False, residual_alone=True, skip_unchanged=False)
-        return replace(alone, search_direction=search)
+        return replace(given, search_direction=search, newton=False, residual_alone=True, skip_unchanged=False)
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
