@@ -59,6 +59,16 @@ def _own_peak(otherwise: int) -> int:
     return otherwise
 
 
+def give_back_memory() -> None:
+    """Return memory that was freed to the system where its allocator keeps it (glibc): between the parts of a run whose
+    arrays differ in size, the next part would not fit into what the last one left."""
+    if sys.platform == "linux":
+        import ctypes
+
+        with suppress(AttributeError, OSError):  # another C library
+            ctypes.CDLL(None).malloc_trim(0)
+
+
 def physical_memory() -> int:
     """Memory of the machine, bytes; 0 where the system does not give it (Windows)."""
     try:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..latin.assembly import Assembly, Layout
+from ..machine import give_back_memory
 from ..remarks import remarks_of
 from ..time_scheme import MasslessContact
 from .initial_state import InitialState, TightBolts
@@ -34,6 +35,7 @@ def modal_problem(
         start.hand_over(assembly)
     timeline = discretised.timeline_with(TightBolts() if start is None else start.bolts)
     timeline.begin(assembly, discretised.time, {}, assembly.ground.start)
+    give_back_memory()  # of the static start
     bodies = discretised.bodies.items()
     viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}
     march = reduced_march(discretised.scene, classes, assembly, start, viscosities, finer)

@@ -27,6 +27,7 @@ from ..latin.assembly import Array, Index
 from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
+from ..machine import give_back_memory
 from ..propagator.model import SubstructureModel, closest_reduced
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
@@ -241,6 +242,7 @@ class RecoveredRecorder(Recorder):
     def __init__(
         self, march: ReducedMarch, kept: Recorder, request: OutputRequest, info: dict[str, SubstructureInfo]
     ) -> None:
+        give_back_memory()  # of the march
         super().__init__(march.bodies, request, info)
         self.n_kept = n = kept.n_kept
         self._march, self._motions = march, self._motions_of(march, kept.series("path")[NAME])

@@ -29,7 +29,7 @@ would be right at one frequency alone, and what modes far above a frequency and 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -38,13 +38,14 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor
+from ..cholesky.numeric import invert, routines
 from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
 from ..propagator.lanczos import lowest_modes
 from ..propagator.vibration import DENSE
 from ..time_scheme import NO_BRANCHES, MaxwellBranches
 from .dynamic_stiffness import ProjectedStiffness, pole_of
-from .tied_assembly import TiedAssembly
+from .tied_assembly import TiedAssembly, TieError
 
 MOST_MODES: Final = 400
 """Elastic modes at most."""
@@ -53,7 +54,7 @@ _LARGEST: Final = 1.2
 _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
-_COLUMNS: Final = 256  # that are solved together: vectors of all dofs
+_COLUMNS: Final = 96  # that are solved together: vectors of all dofs
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
@@ -191,6 +192,17 @@ class ReducedAssembly:
     def with_forces(self, forces: Array) -> ReducedAssembly:
         """The same under loads (n_full, n_load), N for amplitude 1."""
         return replace(self, forces=np.asarray(self.tied.expansion.T @ forces))
+
+    def without_matrices(self) -> ReducedAssembly:
+        """The same without the matrices of the tied assembly, which a march and its results do not need: what follows
+        from them is there."""
+        for name in ("coupling", "rigid_share", "gamma", "damping", "drag"):
+            getattr(self, name)
+        none = sp.csr_array((0, 0))
+        made = replace(self, tied=replace(self.tied, stiffness=none, mass=none, damping=none))
+        given = {field.name for field in fields(self)}
+        made.__dict__.update({name: value for name, value in self.__dict__.items() if name not in given})
+        return made
 
     @property
     def n_mode(self) -> int:
@@ -373,7 +385,8 @@ def lowest(
 
 
 def relative_stiffness(tied: TiedAssembly, rigid: Array) -> Array:
-    """S (n_r, n_r): from the compliance of r in the assembly with springs at all contacts, S = C^-1 - springs."""
+    """S (n_r, n_r): from the compliance of r in the assembly with springs at all contacts, S = C^-1 - springs. Raises
+    TieError : a compliance that is not positive."""
     n, size = tied.n_free, tied.n_relative
     if not size:
         return np.zeros((0, 0))
@@ -384,9 +397,15 @@ def relative_stiffness(tied: TiedAssembly, rigid: Array) -> Array:
     matrix.sort_indices()
     face: Index = np.arange(n, n + size, dtype=np.int64)
     factor = CholeskyFactor(matrix, NONE, tied.rank, face=face)
-    compliance, unit = np.empty((size, size)), np.eye(size)
+    del matrix
+    compliance = np.empty((size, size))
     for first in range(0, size, _COLUMNS):
-        part = slice(first, first + _COLUMNS)
-        compliance[:, part] = factor.face_solve(np.ascontiguousarray(unit[:, part]))
-    stiffness = la.inv(0.5 * (compliance + compliance.T), check_finite=False) - np.diag(springs[n:])
-    return 0.5 * (stiffness + stiffness.T)
+        count = min(_COLUMNS, size - first)
+        compliance[:, first : first + count] = factor.face_solve(np.eye(size, count, -first))
+    del factor  # before the inverse takes memory
+    inverse = compliance + compliance.T
+    inverse *= 0.5
+    if invert(routines(), inverse):
+        raise TieError("the compliance of the relative motions of contacts is not positive")
+    inverse[np.diag_indices(size)] -= springs[n:]
+    return inverse

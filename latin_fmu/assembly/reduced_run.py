@@ -257,7 +257,7 @@ def reduced_march(
     assembly.begin(bodies.time, dt, ground, still)
     moved = np.concatenate([m.displacement for m in tied.models])
     stored = 0.5 * float(moved @ (tied.full[0] @ moved))
-    return ReducedMarch(assembly, bodies, reduced, drives, relative, cutoff, stored)
+    return ReducedMarch(assembly, bodies, reduced.without_matrices(), drives, relative, cutoff, stored)
 
 
 def _modes(

@@ -279,12 +279,12 @@ class TiedAssembly:
         rows, weights, channels = joint_rows(units, layout, trace, joints)
         made = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
         there = np.flatnonzero(made.exists)
-        both = sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]]))
+        both = _narrow(sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]])))
         springs = _springs(units, layout, trace, joints)
         full = (
-            sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr") + springs),
-            sp.csr_array(sp.block_diag([m.inertia for m in models], format="csr")),
-            sp.csr_array(sp.block_diag([_viscosity(m) for m in models], format="csr")),
+            _narrow(sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr") + springs)),
+            _narrow(sp.csr_array(sp.block_diag([m.inertia for m in models], format="csr"))),
+            _narrow(sp.csr_array(sp.block_diag([_viscosity(m) for m in models], format="csr"))),
         )
         stiffness, mass, damping = (_product(both, matrix) for matrix in full)
         shapes = driven + expansion @ made.driven
@@ -384,9 +384,19 @@ def _viscosity(model: SubstructureModel) -> sp.csr_array:
     return model.damping if model.landing is None else sp.csr_array(model.damping - model.landing)
 
 
+def _narrow(matrix: sp.csr_array) -> sp.csr_array:
+    """The matrix with places of four bytes where they do: half of the memory, and faster products."""
+    if matrix.nnz > np.iinfo(np.int32).max:
+        return matrix
+    places = matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32)
+    return sp.csr_array((matrix.data, *places), shape=matrix.shape)
+
+
 def _product(both: sp.csr_array, matrix: sp.csr_array) -> sp.csr_array:
     """B^T A B (n, n)."""
-    product = sp.csr_array(both.T @ matrix @ both)
+    if not matrix.nnz:
+        return sp.csr_array((both.shape[1], both.shape[1]))
+    product = sp.csr_array(sp.csr_array(both.T) @ (matrix @ both))
     product.sort_indices()
     return product
 

@@ -142,6 +142,7 @@ class CholeskyFactor:
         mirror(schur)  # the kernels fill the lower triangle
         if self._among is not None:
             schur += self._among
+            self._among = None  # it is in the Schur complement now
         inverse = schur.copy()
         if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))

@@ -203,20 +203,37 @@ def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scr
 
 @kernel
 def two_norms(n: int, a: Any, x: Array) -> tuple[float, float, float]:
-    """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``)."""
+    """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``). Two rows of A at a
+    time."""
     x0, x1 = x[:n], x[n : 2 * n]
-    first, second, cross, at = 0.0, 0.0, 0.0, 0
-    for i in range(n):
-        line = a[at : at + i]
-        t0 = t1 = a[at] - a[at]  # 0 of their kind
-        for j in range(i):
-            t0 += line[j] * x0[j]
-            t1 += line[j] * x1[j]
+    first, second, cross, at, i = 0.0, 0.0, 0.0, 0, 0
+    while i < n:
+        both = i + 1 < n
+        line, other = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]
+        t0 = t1 = s0 = s1 = a[at] - a[at]  # 0 of their kind
+        if both:
+            for j in range(i):
+                t0 += line[j] * x0[j]
+                t1 += line[j] * x1[j]
+                s0 += other[j] * x0[j]
+                s1 += other[j] * x1[j]
+        else:
+            for j in range(i):
+                t0 += line[j] * x0[j]
+                t1 += line[j] * x1[j]
         corner = a[at + i]
         first += x0[i] * (2.0 * t0 + corner * x0[i])  # both triangles
         second += x1[i] * (2.0 * t1 + corner * x1[i])
         cross += x1[i] * (t0 + corner * x0[i]) + x0[i] * t1
-        at += i + 1
+        if both:
+            s0 += a[at + 2 * i + 1] * x0[i]
+            s1 += a[at + 2 * i + 1] * x1[i]
+            corner = a[at + 2 * i + 2]
+            first += x0[i + 1] * (2.0 * s0 + corner * x0[i + 1])
+            second += x1[i + 1] * (2.0 * s1 + corner * x1[i + 1])
+            cross += x1[i + 1] * (s0 + corner * x0[i + 1]) + x0[i + 1] * s1
+        at += 2 * i + 3
+        i += 2
     return first, second, cross
 
 

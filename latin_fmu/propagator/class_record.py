@@ -420,6 +420,7 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         return row
     if constant.get("patched"):
         patches = in_response_patches(propagator, live)
+        propagator.release()  # dense: the patches have it
         row["halved"] = int(propagator.single)
         row["response_header"] = block.put(patches.header, np.int64)
         row["response"] = block.put(patches.numbers, patches.numbers.dtype.type)
