@@ -56,7 +56,7 @@ from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 from .wave_pace import waves_count
-from .whole_march import WholeMarch
+from .whole_march import GroupedMarch, WholeMarch
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -180,6 +180,10 @@ class SolverReadyProblem:
     """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
     reduced: WholeMarch | None = None
     """The whole assembly, which is marched in the place of its bodies; None where these are."""
+    grouped: GroupedMarch | None = None
+    """The assembly that is marched where bonded bodies are one substructure; None where none are."""
+    bonds: str = ""
+    """Why bonds are iterated although nothing is said about them; empty where they are not, or where there are none."""
 
     def recorder(self) -> Recorder:
         """One that keeps what the scene asks for, in memory."""
@@ -192,8 +196,15 @@ class SolverReadyProblem:
         stores = {id(p.members[0].store): p.members[0].store for p in self.assembly.propagators}
         kept = "; ".join(filter(None, (store.remark() for store in stores.values())))
         out = {} if self.reduced is None else {"propagator": self.reduced.in_words}
+        words = self.bonds if self.grouped is None else self.grouped.in_words
+        out |= {"bonds": words} if words else {}
         out |= {} if self.untouched is None else {"left out, never touched": ", ".join(self.untouched.info)}
         return {"time scheme": self.scheme, **start, **out, **({"operators": kept} if kept else {})}
+
+
+About = tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]]
+"""What is said of a problem that is ready: remarks, histories, start, time scheme, landings that it was not chosen
+for."""
 
 
 @dataclass(frozen=True)
@@ -357,41 +368,55 @@ class DiscretisedProblem:
         start : initial state in the place of that of the scene. kept : operators of static problems by
         ``ModelClass.key``, which are used again and added to. processes : among which the substructures are divided.
         """
-        scene, scheme, units = self.scene, self.scheme, self.units
-        layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
+        layout = self.layout if start is None else Layout(self.units)  # ``start`` changes its gaps
         classes = self.classes if start is None else start.displaced(self.classes)
-        classes, *distribution = divided(scene, classes, processes)
-        static = isinstance(scheme, QuasiStatic)
-        impedance = self.impedance.copy()
-        propagators, without_factor = made_propagators(
-            scene, classes, scheme, self.dt, impedance, self.kept if kept is None else None, kept
-        )
-        assembly = Assembly(
-            propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
-        )
+        classes, *distribution = divided(self.scene, classes, processes)
+        assembly, without_factor = self.assembled(classes, self.units, layout, self.impedance.copy(), kept)
         assembly.owner, assembly.part_of = distribution
+        if start is not None:
+            start.hand_over(assembly)
+        timeline = self.timeline_with(TightBolts() if start is None else start.bolts)
+        timeline.begin(assembly, self.time, {}, assembly.ground.start)
+        return ready(self, assembly, self.about(assembly, start, timeline, without_factor))
+
+    def assembled(
+        self,
+        classes: list[ModelClass],
+        units: list[InterfaceUnit],
+        layout: Layout,
+        impedance: Array,
+        kept: Kept | None = None,
+    ) -> tuple[Assembly, list[str]]:
+        """Substructures with their operators, and interfaces, joined; remarks on the choice of propagators."""
+        scene, scheme = self.scene, self.scheme
+        operators = self.kept if kept is None else None
+        propagators, without_factor = made_propagators(scene, classes, scheme, self.dt, impedance, operators, kept)
+        channels, traction = [c.channels for c in classes], self.characteristic_traction
+        assembly = Assembly(propagators, channels, units, layout, impedance, traction, scheme)
         # in shares of the largest traction that loads can bring; below 0: no class rests
         levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
         level = levels[scene.solver.skip_at_rest]
         # 0 and -1 are no tractions
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
-        if start is not None:
-            start.hand_over(assembly)
-        timeline = self.timeline_with(TightBolts() if start is None else start.bolts)
-        timeline.begin(assembly, self.time, {}, assembly.ground.start)
-        # rigid bodies have no material impedance: that of their inertia in a step
+        return assembly, without_factor
+
+    def about(
+        self, assembly: Assembly, start: InitialState | None, timeline: Timeline, without_factor: Sequence[str]
+    ) -> About:
+        """What ``ready`` says of an assembly that has begun; its rigid bodies get their impedances."""
+        static = assembly.quasi_static
+        # they have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         # one line on waves: where the step is far off for all bodies, that says what to change
         known = any(remark.code == "step" for remark in self.remarks)
-        counts = not known and waves_count(scene, self.bodies, self.units, self.time)
+        counts = not known and waves_count(self.scene, self.bodies, self.units, self.time)
         unresolved = resolution_remarks(unresolved_sides(assembly) if counts else [])
         warnings = (*self.remarks, *remarks_of("memory", without_factor), *unresolved)
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         words, against, unforeseen = _checked_scheme(self, None if static else start)
-        warnings += tuple(remarks_of("scheme", against))
-        unforeseen |= rigid_impacts(scene, self.bodies, units)
-        return ready(self, assembly, (warnings, timeline, start, words, unforeseen))
+        unforeseen |= rigid_impacts(self.scene, self.bodies, self.units)
+        return (*warnings, *remarks_of("scheme", against)), timeline, start, words, unforeseen
 
     def output(self, bolts: TightBolts) -> OutputRequest:
         """What the recorder keeps; ``bolts`` as tightened."""
@@ -419,11 +444,11 @@ class DiscretisedProblem:
 def ready(
     problem: DiscretisedProblem,
     assembly: Assembly,
-    about: tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]],
+    about: About,
     reduced: WholeMarch | None = None,
+    grouped: GroupedMarch | None = None,
 ) -> SolverReadyProblem:
-    """The problem with its operators; ``about`` : remarks, histories, start, time scheme, landings that it was not
-    chosen for."""
+    """The problem with its operators."""
     warnings, timeline, start, words, unforeseen = about
     bolts = TightBolts() if start is None else start.bolts
     nodes = {name: body.mesh.nodes for name, body in problem.bodies.items()}
@@ -443,6 +468,7 @@ def ready(
         problem.untouched,
         unforeseen,
         reduced,
+        grouped,
     )
 
 

@@ -22,9 +22,8 @@ from ..latin.probes import FacePlace, OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
 from ..propagator import Histories, LoadTerm, SubstructureModel
-from ..propagator.base import Propagator
 from ..propagator.direct import DirectPropagator
-from ..propagator.model import FaceStiffness, Operators, closest_reduced
+from ..propagator.model import FaceStiffness, closest_reduced
 from ..propagator.patches import OF_RESPONSE, partition
 from ..scene.schema import Scene
 from ..scene.settings import ModalPropagatorTable
@@ -39,43 +38,6 @@ _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequenc
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
-
-
-class _Moves:
-    """Diagonal of the compliance of channels, of which only is known which can move."""
-
-    def __init__(self, trace: sp.csr_array) -> None:
-        self._moves = (np.diff(trace.indptr) > 0).astype(float)
-
-    def diagonal(self) -> Array:
-        """1 where a channel can move, else 0."""
-        return self._moves
-
-
-class BodyMotions(Propagator):
-    """Motions of a class of bodies that are not marched themselves: what results are read from."""
-
-    def _build(self, dt: float) -> Operators:  # noqa: ARG002, the same for all steps
-        model = self.members[0]
-        if model.mass is None:
-            n, stiffness = model.expansion.shape[1], model.reduced_stiffness
-            mass, damping, massless = sp.csr_array((n, n)), None, np.zeros(0, dtype=np.int64)
-        else:
-            (mass, damping, stiffness), massless = model.reduced, model.massless
-        dofs, trace, _ = model.at_interface
-        factor: Any = None
-        same = mass, damping, stiffness, factor, dofs, trace, model.spread, model.channel_area
-        return Operators(*same, _Moves(trace), massless)
-
-    def internal_forces(self) -> tuple[Array, Array]:
-        """K u and C v of the free dofs, (n_dof, n_member), N."""
-        _, damping, stiffness = self.members[0].reduced
-        viscous = np.zeros_like(self.state.v) if damping is None else damping @ self.state.v
-        return stiffness @ self.state.u, viscous
-
-    def mass_factor(self) -> Any:
-        """Refused: they are not marched."""
-        raise TypeError("motions of bodies that are not marched have no factor")
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
@@ -58,20 +59,12 @@ class StoredFields:
         """Whether any are stored."""
         return self._request.fields or self._request.stress
 
-    def keep(self, assembly: Assembly, image: Image, whole: Probes | None, now: slice, row: int) -> None:
-        """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
-        output from ``row`` on by the probes of all nodes, else of the present state, that of the last of them."""
-        instants, rows = _read(whole, now, row, self._request.every)
-        if not instants:
-            return
-        self.times += assembly.time[instants].tolist()
-        for c, propagator in enumerate(assembly.propagators):
-            for member, name in enumerate(propagator.names):
-                if whole is None:
-                    motion: list[Any] = [[full_displacement(propagator, member)], [full_velocity(propagator, member)]]
-                else:
-                    motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
-                self.add(name, motion[0], motion[1])
+    def keep(self, _instants: range, times: Array, moved: Callable[[str, int], Any]) -> None:
+        """Keep the requested fields at further instants of these ``times``, s; ``moved`` : displacements (0) or
+        velocities (1) of a body at them, (n, n_node, 3)."""
+        self.times += times.tolist()
+        for name in self.fields:
+            self.add(name, moved(name, 0), moved(name, 1))
 
     def add(self, name: str, displacement: Iterable[Array], velocity: Iterable[Array]) -> None:
         """Keep what is requested of the motion of a body at further instants, (n_node, 3) each."""
@@ -148,28 +141,13 @@ class LargestStresses:
         self.tables = {name: np.zeros((n_time, 3)) for name in self._info}
         self.every = -(-n_time // _WATCHED)
 
-    def keep(
-        self,
-        assembly: Assembly,
-        places: Mapping[str, tuple[int, int]],
-        image: Image,
-        at: tuple[Probes | None, int],
-        now: slice,
-    ) -> None:
-        """Look at those of the instants ``now`` whose fields can be read; ``places`` : class and member of the bodies,
-        ``at`` : probes of all nodes, and first row of the image's output."""
-        whole, row = at
-        instants, rows = _read(whole, now, row, self.every)
-        for name, info in self._info.items() if instants else ():
+    def keep(self, names: Collection[str], instants: range, times: Array, moved: Callable[[str, int], Any]) -> None:
+        """Look at instants of these ``times``, s, of those of the bodies ``names`` that have a table; ``moved`` as for
+        ``StoredFields.keep``."""
+        for name, info in self._info.items():
             # not in the run, or in another process
-            if info.stress is None or info.yield_stress is None or name not in places:
-                continue
-            c, member = places[name]
-            if whole is None:
-                moved: Any = [full_displacement(assembly.propagators[c], member)]
-            else:
-                moved = whole.fields(image, c, member, 0, rows, instants)
-            self.look_at(name, moved, instants, assembly.time[instants])
+            if info.stress is not None and info.yield_stress is not None and name in names:
+                self.look_at(name, moved(name, 0), instants, times)
 
     def look_at(self, name: str, moved: Iterable[Array], instants: Sequence[int] | Index, times: Array) -> None:
         """Look at a body with displacements (n_node, 3) at instants, of these times, s."""
@@ -217,7 +195,7 @@ class Recorder:
         table = np.zeros((len(range(0, n_time, every)), InterfaceRows.width_of(assembly)))
         self.rows = InterfaceRows(assembly, table, every)
         self.stream = None if file is None else InterfaceStream(assembly, file, thinned, request.peak_duration)
-        self._places = _places(assembly)
+        self._places = places_in(assembly)
         self._stored = StoredFields(request, substructures, list(self._places))
         self._series: dict[str, dict[Any, Array]] = {**request.series(n_time), "energy": {}}
         if request.energy:
@@ -239,20 +217,20 @@ class Recorder:
     def probes(self, assembly: Assembly, fields: bool) -> Probes | None:
         """What an image keeps of the substructures for this recorder beside their energies, None where that is nothing;
         ``fields`` : those that are stored, too, where the substructures are small."""
-        whole = fields and self._stored.wanted
-        whole = whole and sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators) <= _SMALL
+        whole = fields and self._keeps_whole(assembly)
         if not (whole or self.rows.slide or any(self._series[key] for key in SERIES)):
             return None
         return Probes(assembly, self.sliding, self.request, whole)
 
+    def _keeps_whole(self, assembly: Assembly) -> bool:
+        """Whether the image keeps all nodes of an assembly: where fields are stored, of small substructures."""
+        size = sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators)
+        return self._stored.wanted and size <= _SMALL
+
     def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
-        self.rows.keep(image, probes, self.n_kept, n, row)
-        if self.stream is not None:
-            self.stream.keep(image, probes, self.n_kept, n, row)
-        if probes is not None:
-            probes.read(assembly, image, now, rows, self._series)
+        self._keep_rows(assembly, image, probes, now, rows)
         self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
         for key, kept in self._series["energy"].items():
             drift = key == "drift"
@@ -261,8 +239,38 @@ class Recorder:
             kept[now] = own[rows]
         self.n_kept += n
         if self._stored.wanted:
-            self._stored.keep(assembly, image, self._whole, now, row)
-        self.stresses.keep(assembly, self._places, image, (self._whole, row), now)
+            self._look((assembly, image), (now, row), self.request.every, self._stored.keep)
+        if self.stresses.tables:
+            self._look((assembly, image), (now, row), self.stresses.every, partial(self.stresses.keep, self._places))
+
+    def _look(self, of: tuple[Assembly, Image], at: tuple[slice, int], every: int, keep: Callable[..., None]) -> None:
+        """Let ``keep`` look at the fields of every so many of the instants, that are in rows from ``row`` on."""
+        instants, rows = _read(self._whole, *at, every)
+        if instants:
+            keep(instants, of[0].time[instants], partial(self._moved, *of, rows, instants))
+
+    def _keep_rows(self, assembly: Assembly, image: Image, probes: Probes | None, now: slice, rows: slice) -> None:
+        """Keep interfaces and series at the instants ``now``, ``rows`` of the image's output."""
+        n = now.stop - now.start
+        self.rows.keep(image, probes, now.start, n, rows.start)
+        if self.stream is not None:
+            self.stream.keep(image, probes, now.start, n, rows.start)
+        if probes is not None:
+            probes.read(assembly, image, now, rows, self._series)
+
+    def _moved(self, assembly: Assembly, image: Image, rows: slice, instants: range, name: str, kind: int) -> Any:
+        """Displacements (``kind`` 0) or velocities (1) of a substructure, (n, n_node, 3), at instants that are ``rows``
+        of the image's output, else the present one."""
+        return self._fields_at((assembly, image), rows, instants, self._places[name], kind)
+
+    def _fields_at(
+        self, of: tuple[Assembly, Image], rows: slice, instants: range, place: tuple[int, int], kind: int
+    ) -> Any:
+        """``_moved`` of the substructure with this number of its class, and of the member."""
+        c, member = place
+        if self._whole is not None:
+            return self._whole.fields(of[1], c, member, kind, rows, instants)
+        return [(full_displacement, full_velocity)[kind](of[0].propagators[c], member)]
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
@@ -328,7 +336,7 @@ class Recorder:
             self._stored.fields |= kept[1]
             massless.update(kept[2])
         self._series["energy"] = dict(sorted(terms.items())) | drift
-        self._places = _places(assembly)
+        self._places = places_in(assembly)
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self) -> dict[str, InterfaceHistory]:
@@ -407,7 +415,7 @@ class Recorder:
         ]
 
 
-def _places(assembly: Assembly) -> dict[str, tuple[int, int]]:
+def places_in(assembly: Assembly) -> dict[str, tuple[int, int]]:
     """Class and member of every substructure."""
     return {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
 
