@@ -451,14 +451,14 @@ def _made(
                 from .assembly.static_fields import solved_at_once
 
                 at_once = solved_at_once(scene, discretised, wanted or size > 1 or how[2])
-            grouped, iterated = None, ""
+            grouped, why = None, ""
             if not (modal or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
-                from .assembly.bonded_run import grouped_assembly
+                from .effects.march_choice import cheaper_march
 
                 restricted = behaviours is not None or wanted or size > 1 or how[2]
-                grouped, iterated = grouped_assembly(discretised, restricted)
+                grouped, prediction, why = cheaper_march(discretised, prediction, restricted)
             problem = solver_ready(discretised, {}, size, stages, modal, at_once, grouped)
-            problem = replace(problem, bonds=f"iterated: {iterated}") if iterated else problem
+            problem = replace(problem, bonds=f"iterated: {why}") if why else problem
         except TieError as error:
             modal, reasons = False, [str(error)]
         if reasons:

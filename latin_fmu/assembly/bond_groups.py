@@ -8,7 +8,11 @@ J u = 0 determine some of these by the others (``tied_assembly.eliminated``),
 so that a group is a substructure with the dofs q, the matrices Q^T E^T (.) E Q, the loads of its bodies one below the
 other, and the traces of the interfaces that are left. It is integrated as any other: weighted sums of M a, C v, K u and
 f at the same instants, in which the tractions of bonds cancel. Time schemes, laws, search directions and energies are
-those of bodies.
+those of bodies. Bodies whose strains relax and others that do not may be in one group: its branches have springs of
+their own then (``SubstructureModel.relaxing``).
+
+An interface between two bodies of one group has relative motions for its unknowns: those of side E over E', which
+stands for the ground.
 
 Groups follow from the bonds alone, not from names, order or processes.
 """
@@ -28,10 +32,11 @@ from scipy.sparse.csgraph import connected_components
 from ..interface.laws import bonds
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import SubstructureModel
+from ..time_scheme import MaxwellBranches
 from .body import Body, body_sides, consecutive
 from .initial_state import InitialState
 from .models import ModelClass
-from .static_assembly import joined_loads, ordered
+from .static_assembly import against_ground, joined_loads, ordered
 from .tied_assembly import Joints, TieError, channel_trace, eliminated, joint_rows, jump_rows
 
 _APART: Final = 1e-9  # of the largest initial value, by which the sides of a bond may differ at t = 0
@@ -51,17 +56,20 @@ class BondGroup:
 
     Attributes
     ----------
-    models : of the bodies. bonded : numbers of the interfaces between them. where : of their full dofs. trace :
-    (n_flat, n_full) to the channels of all interfaces. model : the substructure. channels : flat indices (n_channel,)
-    of its channels in the layout of all interfaces.
+    models : of the bodies. bonded : numbers of the bonds between them. inner : of other interfaces between them.
+    where : of their full dofs. trace : (n_flat, n_full) to the channels of all interfaces. model : the substructure.
+    channels : flat indices (n_channel,) of its channels in the layout of all interfaces. shares : strengths of the
+    branches of each body over those of the substructure, by name.
     """
 
     models: list[SubstructureModel]
     bonded: tuple[int, ...]
+    inner: tuple[int, ...]
     where: Mapping[str, slice]
     trace: sp.csr_array
     model: SubstructureModel
     channels: Index
+    shares: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -145,17 +153,17 @@ class GroupedAssembly:
         """
         known = {m.name: (m, c.channels[:, j], c.key) for c in classes for j, m in enumerate(c.members)}
         remaining = tuple(i for i in range(len(units)) if i not in set(bonded))
-        left = [units[i] for i in remaining]
-        own = Layout(left)
         groups, grouped = list[BondGroup](), set[str]()
         order = {name: n for n, name in enumerate(bodies)}
-        for names, joints in _connected(units, bonded):
+        for names, joints in connected(units, bonded):
             names.sort(key=order.__getitem__)
             grouped.update(names)
             groups.append(_group(names, joints, (units, layout, remaining), known, bodies))
+        inner = {i for group in groups for i in group.inner}
+        left = [against_ground(units[i]) if i in inner else units[i] for i in remaining]
+        own = Layout(left)
         into = _renumbered(layout, own, remaining)
-        made = [_without(c, grouped, into) for c in classes]
-        made = [c for c in made if c is not None]
+        made = [rest for c in classes if (rest := _without(c, grouped, into)) is not None]
         keys: dict[bytes, list[BondGroup]] = {}
         for group in groups:
             keys.setdefault(_key(group, known), []).append(group)
@@ -182,16 +190,30 @@ def suited(
             "to a ground that moves": unit.against_ground and bool(moving[i].any()),
             "of rigid bodies": any(m.nodal is not None for m in sides),
             "of bodies with modal damping": any(m.modal is not None for m in sides),
-            "between bodies of unlike relaxation": any(m.branches != sides[0].branches for m in sides),
         }
         reason = next((words for words, holds in reasons.items() if holds), "")
         if not reason:
             found.append(i)
         why = why or reason
-    return found, why
+    alike = list[int]()
+    for names, joints in connected(units, found):
+        if _relax_alike([models[name].branches for name in names]):
+            alike += joints
+        else:
+            why = why or "of bodies that relax in unlike times"
+    return sorted(alike), why
 
 
-def _connected(units: Sequence[InterfaceUnit], bonded: Sequence[int]) -> list[tuple[list[str], list[int]]]:
+def _relax_alike(branches: Sequence[MaxwellBranches]) -> bool:
+    """Whether branches of bodies have the same relaxation times, and strengths in one ratio; those without any do."""
+    kinds = [b for b in branches if len(b)]
+    ratios = [np.array(b.strengths) / _strength(b) for b in kinds]
+    return all(
+        b.times == kinds[0].times and np.allclose(r, ratios[0], 1e-12, 0.0) for b, r in zip(kinds, ratios, strict=True)
+    )
+
+
+def connected(units: Sequence[InterfaceUnit], bonded: Sequence[int]) -> list[tuple[list[str], list[int]]]:
     """Names of the bodies of every group, and numbers of its bonds."""
     sides = {i: [name for _, _, name in body_sides([units[i]])] for i in bonded}
     names = list(dict.fromkeys(name for own in sides.values() for name in own))
@@ -223,17 +245,23 @@ def _group(
     driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
     rows, weights, _ = joint_rows(units, layout, trace, Joints(tuple(bonded), (), ()))
     made = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
-    own = set(names)
-    sides = [(i, side) for i, side, name in body_sides(units) if name in own and i in set(remaining)]
+    sides = [(i, side) for i, side, name in body_sides(units) if name in set(names) and i in set(remaining)]
+    inner = tuple(i for i, side in sides if side == 1 and (i, 0) in set(sides))
+    sides = [(i, side) for i, side in sides if side == 0 or i not in set(inner)]
     picked = [np.zeros(0, dtype=np.int64), *(layout.channels(i, side).ravel() for i, side in sides)]
     channels = np.concatenate(picked)
+    moved = [sp.csr_array((0, n_full))]
+    moved += [jump_rows(layout, trace, i) if i in inner else trace[layout.channels(i, s).ravel()] for i, s in sides]
+    strongest = max((m.branches for m in models), key=_strength)
+    shares = {m.name: _strength(m.branches) / _strength(strongest) if len(strongest) else 1.0 for m in models}
+    relaxing = None if all(share == 1.0 for share in shares.values()) else _scaled(models, shares, "stiffness")
     model = SubstructureModel(
         name="+".join(names),
         mass=_diagonal([m.inertia for m in models]),
         damping=_damping(models, "damping"),
         stiffness=_diagonal([m.stiffness for m in models]),
         expansion=sp.csr_array(expansion @ made.q_part),
-        trace=sp.csr_array(trace[channels]),
+        trace=sp.csr_array(sp.vstack(moved)),
         channel_area=layout.area[channels],
         loads=joined_loads(models, where, n_full),
         displacement=np.concatenate([m.displacement for m in models]),
@@ -242,7 +270,8 @@ def _group(
         imposed_start=np.concatenate([m.imposed_start for m in models]),
         imposed_speed=_speeds(models),
         landing=_damping(models, "landing"),
-        branches=models[0].branches,
+        branches=strongest,
+        relaxing=relaxing,
         store=models[0].store,
     )
     mass, damping, stiffness = (list(part) for part in zip(*(m.reduced for m in models), strict=True))
@@ -253,9 +282,24 @@ def _group(
     ]
     none = all(c is None for c in damping)
     model.__dict__["reduced"] = (reduced[0], None if none else reduced[1], reduced[2])
-    model.__dict__["reduced_stiffness"] = reduced[2]
+    model.__dict__["reduced_stiffness"] = model.__dict__["stiffness_by_nodes"] = reduced[2]
+    if relaxing is not None:
+        parts = [share * m.reduced_stiffness for m, share in zip(models, shares.values(), strict=True)]
+        model.__dict__["reduced_relaxing"] = _eliminated_product(made.q_part, parts)
     ordered(model, models, bodies)
-    return BondGroup(models, tuple(bonded), where, trace, model, channels)
+    return BondGroup(models, tuple(bonded), inner, where, trace, model, channels, shares)
+
+
+def _strength(branches: MaxwellBranches) -> float:
+    """Sum of the strengths."""
+    return sum(branches.strengths)
+
+
+def _scaled(models: Sequence[SubstructureModel], shares: Mapping[str, float], kind: str) -> sp.csr_array:
+    """Matrices of bodies times their shares as blocks of one."""
+    made = _diagonal([sp.csr_array(shares[m.name] * getattr(m, kind)) for m in models])
+    made.eliminate_zeros()
+    return made
 
 
 def _filled(matrix: sp.csr_array | None, n: int) -> sp.csr_array:
@@ -279,6 +323,7 @@ def _damping(models: Sequence[SubstructureModel], kind: str) -> sp.csr_array | N
 def _eliminated_product(q_part: sp.csr_array, matrices: Sequence[sp.csr_array]) -> sp.csr_array:
     """Q^T A Q of the blocks A."""
     product = sp.csr_array(q_part.T @ _diagonal(matrices) @ q_part)
+    product.eliminate_zeros()
     product.sort_indices()
     return product
 

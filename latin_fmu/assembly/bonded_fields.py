@@ -26,6 +26,7 @@ from ..kernels.energy_parts import TERMS
 from ..latin.assembly import Array, Assembly, Index
 from ..latin.probes import SERIES, FacePlace, OutputRequest, Probes, Reading
 from ..latin.recorder import Recorder, SubstructureInfo, places_in
+from ..propagator.forcing import STRAIN
 from ..propagator.image import Image
 from ..propagator.model import closest_reduced
 from .body import body_sides
@@ -52,7 +53,8 @@ class BondRecovery:
 
     Attributes
     ----------
-    near : numbers (k,) of the full dofs whose motion is needed. memory : of the instant before: R or X, M a, u.
+    channels : of the bonds, (k,). moving : these, and those of side E of the other interfaces of the group (l,).
+    near : numbers of the full dofs whose motion is needed. memory : of the instant before: R or X, M a, u.
     """
 
     def __init__(self, group: BondGroup, bodies: Assembly, start: Mapping[str, Array]) -> None:
@@ -62,16 +64,20 @@ class BondRecovery:
         self._forces = BondForces(group.bonded, layout, group.trace, expansion)
         rows = self._forces.rows
         none = sp.csr_array((rows.shape[0], model.n_full))
-        matrices = [none if m is None else sp.csr_array(rows @ m) for m in (model.stiffness, model.damping, model.mass)]
+        of_strains = None if not len(model.branches) else model.stiffness if model.relaxing is None else model.relaxing
+        wanted = model.stiffness, model.damping, model.mass, of_strains
+        matrices = [none if m is None else sp.csr_array(rows @ m) for m in wanted]
         sides = [layout.channels(i, side).ravel() for i in group.bonded for side in (0, 1)]
-        self._channels = np.concatenate(sides)
-        traces = sp.csr_array(group.trace[self._channels])
+        self.channels = np.concatenate(sides)
+        inner = [layout.channels(i, 0).ravel() for i in group.inner]
+        self.inner, self.moving = group.inner, np.concatenate([self.channels, *inner])
+        traces = sp.csr_array(group.trace[self.moving])
         self.near = np.unique(np.concatenate([m.indices for m in (*matrices, traces)])).astype(np.int64)
-        self._k, self._c, self._m = (sp.csr_array(sp.csc_array(m)[:, self.near]) for m in matrices)
+        self._k, self._c, self._m, self._strained = (sp.csr_array(sp.csc_array(m)[:, self.near]) for m in matrices)
         self._trace = sp.csr_array(sp.csc_array(traces)[:, self.near])
         # of the tractions of all interfaces, those that are no bonds of this group
         carried = sp.csr_array(rows @ group.trace.T @ sp.diags_array(layout.area))
-        others = np.setdiff1d(np.unique(carried.indices), self._channels)
+        others = np.setdiff1d(np.unique(carried.indices), self.channels)
         self._others, self._on = others, sp.csr_array(sp.csc_array(carried)[:, others])
         loads = [(m, load) for m in group.models for load in m.loads]
         columns = [np.asarray(rows[:, group.where[m.name]] @ load.pattern) for m, load in loads]
@@ -85,13 +91,13 @@ class BondRecovery:
         parts = [amplitude[now] for p, j in own for amplitude in p.forcing.amplitudes[j]]
         return np.stack([np.zeros(now.stop - now.start), *parts])
 
-    def fields(self, values: Array, f_hat: Array, now: slice) -> tuple[Index, Array, Array]:
-        """Channels (k,) of the bonds, and their tractions and velocities (n, k) at the instants ``now``, which follow
+    def fields(self, values: Array, f_hat: Array, now: slice) -> tuple[Array, Array]:
+        """Tractions (n, k) of ``channels`` and velocities (n, l) of ``moving`` at the instants ``now``, which follow
         those of the call before; ``values`` : motion (n, n_sensed, n_near). f_hat : (n, n_flat) of all other
         interfaces."""
         u, v, a = (np.ascontiguousarray(values[:, kind].T) for kind in range(3))
-        strained = u if values.shape[1] == 3 else u + values[:, 3].T
-        x = self._k @ strained + self._c @ v - self._loads @ self._amplitudes(now) - self._on @ f_hat[:, self._others].T
+        x = self._k @ u + self._c @ v - self._loads @ self._amplitudes(now) - self._on @ f_hat[:, self._others].T
+        x = x if values.shape[1] == STRAIN else x + self._strained @ values[:, STRAIN].T
         made = self._forces.carried(self._carried(np.asarray(x), np.asarray(self._m @ a), now.start == 0))
         tractions = []
         for i in self._group.bonded:
@@ -99,7 +105,7 @@ class BondRecovery:
             if now.start == 0 and self._bodies.interfaces[i].name in self._start:
                 traction[0] = self._start[self._bodies.interfaces[i].name].ravel()
             tractions += [traction, -traction]
-        return self._channels, np.hstack(tractions), self._velocities(u, v, now.start == 0)
+        return np.hstack(tractions), self._velocities(u, v, now.start == 0)
 
     def _carried(self, x: Array, inertia: Array, first: bool) -> Array:
         """T^T area F (k, n) by the time scheme (module docstring)."""
@@ -154,6 +160,7 @@ class BondedRecorder(Recorder):
         layout, own = self._bodies.layout, self._assembly.layout
         self._own, self._all = self._grouped.pairs(own, layout)
         self._points = self._point_pairs()
+        self._shares = {name: share for group in self._grouped.groups for name, share in group.shares.items()}
 
     def _point_pairs(self) -> tuple[Index, Index]:
         """Places of the points of the interfaces that are left among those of the march, and of all."""
@@ -220,8 +227,14 @@ class BondedRecorder(Recorder):
         places = {} if probes is None else probes.places["path"]
         values = {} if probes is None else {k: probes.values(image, p, rows, now) for k, p in places.items()}
         for name, recovery in self._recoveries.items():
-            channels, traction, velocity = recovery.fields(values[f"{_BONDS} {name}"], f_hat, now)
-            f_hat[:, channels], w_hat[:, channels] = traction, velocity
+            traction, velocity = recovery.fields(values[f"{_BONDS} {name}"], f_hat, now)
+            f_hat[:, recovery.channels] = traction
+            # inside of a group the march has motions of E over E'
+            relative = w_hat.copy()
+            w_hat[:, recovery.moving] = velocity
+            for i in recovery.inner:
+                near, far = (layout.channels(i, side).ravel() for side in (0, 1))
+                w_hat[:, far] = w_hat[:, near] - (relative[:, near] - relative[:, far])
         slides = {}
         for i in self.rows.slide:
             slides[i] = np.zeros((n, 2, self._bodies.interfaces[i].geometry.n_point, 3))
@@ -238,7 +251,15 @@ class BondedRecorder(Recorder):
             for name, place in self.request.places(key).items():
                 p, j = self._members[place.substructure]
                 of = Reading(self._bodies, self._bodies.propagators.index(p), j, now, f_hat)
-                self._series[key][name][now] = place.read(values[f"{key} {name}"], of)
+                motion = self._of_body(place.substructure, values[f"{key} {name}"])
+                self._series[key][name][now] = place.read(motion, of)
+
+    def _of_body(self, name: str, values: Array) -> Array:
+        """Motion (n, n_sensed, k) of a body from that of its substructure, whose branches may be stronger."""
+        share = self._shares.get(name, 1.0)
+        if share == 1.0 or values.shape[1] == STRAIN:
+            return values
+        return np.concatenate([values[:, :STRAIN], share * values[:, STRAIN:]], axis=1)
 
     def _moved(self, assembly: Assembly, image: Image, rows: slice, instants: range, name: str, kind: int) -> Any:
         """Displacements or velocities of a body."""

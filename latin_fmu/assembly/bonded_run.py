@@ -92,6 +92,11 @@ def bonded_problem(
     here, there = grouped.pairs(own, layout)
     impedance = np.zeros(own.n_flat)
     impedance[here] = discretised.impedance[there]
+    # relative motions have both sides in series
+    for i in (i for group in grouped.groups for i in group.inner):
+        sides = [own.channels(grouped.remaining.index(i), side) for side in (0, 1)]
+        first, second = (impedance[channels] for channels in sides)
+        impedance[sides[0]], impedance[sides[1]] = first * second / (first + second), 0.0
     assembly, remarks = discretised.assembled(grouped.classes, grouped.units, own, impedance)
     if start is not None:
         start.hand_over(assembly)
@@ -106,6 +111,6 @@ def bonded_problem(
     assembly.begin(discretised.time, discretised.dt, ground, assembly.ground.start)
     about = discretised.about(assembly, start, timeline, remarks)
     # rigid bodies have got theirs
-    bodies.impedance[there] = assembly.impedance[here]
+    bodies.impedance[there] = np.where(bodies.impedance[there] > 0.0, bodies.impedance[there], assembly.impedance[here])
     march = BondedMarch(grouped, assembly, bodies, {} if start is None else dict(start.traction))
     return ready(discretised, bodies, about, grouped=march)

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
+from ..latin.assembly import Array, Assembly, GroundState, Index, Layout
 from ..latin.probes import FacePlace, OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
@@ -31,6 +31,7 @@ from ..time_scheme import MasslessContact
 from .initial_state import InitialState
 from .models import ModelClass
 from .reduced_assembly import MOST_MODES, ReducedAssembly
+from .static_assembly import against_ground
 from .tied_assembly import TiedAssembly, TieError
 
 _SEARCH: Final = 3.3  # factor on the search direction
@@ -189,11 +190,11 @@ def reduced_march(
     drives = drives_of(tied, modes, bodies)
     reduced = modes.with_forces(drives.forces)
     relative = tied.joints.relative
-    against_ground = [_against_ground(units[i]) for i in relative]
-    layout = Layout(against_ground)
+    alone = [against_ground(units[i]) for i in relative]
+    layout = Layout(alone)
     channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
     places = [np.zeros((0, 3))]
-    for j, unit in enumerate(against_ground):
+    for j, unit in enumerate(alone):
         places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
     model = _model(reduced, _start(tied, reduced, drives), layout, channels, np.concatenate(places))
     propagator = DirectPropagator([model], MasslessContact(), dt, True)
@@ -201,7 +202,7 @@ def reduced_march(
     assembly = Assembly(
         [propagator],
         [channels[:, None]],
-        against_ground,
+        alone,
         layout,
         _impedance(propagator, channels, layout.n_flat),
         bodies.characteristic_traction,
@@ -233,13 +234,6 @@ def cutoff_of(scene: Scene, dt: float) -> float:
 def _ground_velocity(bodies: Assembly, i: int) -> Array:
     """Velocity (n_time, 3) of what side E moves relative to."""
     return bodies.ground.velocity.get(i, np.zeros((len(bodies.time), 3)))
-
-
-def _against_ground(unit: InterfaceUnit) -> InterfaceUnit:
-    """The interface with the motion of side E relative to E' in the place of that of E, and ground for E'."""
-    n = 3 * unit.geometry.n_point
-    geometry = replace(unit.geometry, traces=(sp.csr_array(sp.eye_array(n)), None), owner=0)
-    return replace(unit, sides=(unit.sides[0], "ground"), geometry=geometry)
 
 
 def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:

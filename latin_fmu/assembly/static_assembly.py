@@ -94,7 +94,7 @@ class StaticAssembly:
             free = made.free
         stiffness = sp.csr_array(stiffness)
         stiffness.sort_indices()
-        against = [_against_ground(units[i]) for i in relative]
+        against = [against_ground(units[i]) for i in relative]
         own = Layout(against)
         jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in relative)]
         jump = sp.csr_array(sp.vstack(jumps))
@@ -136,7 +136,7 @@ class StaticAssembly:
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 
 
-def _against_ground(unit: InterfaceUnit) -> InterfaceUnit:
+def against_ground(unit: InterfaceUnit) -> InterfaceUnit:
     """The interface with the motion of side E relative to E' in the place of that of E, and ground for E'."""
     n = 3 * unit.geometry.n_point
     geometry = replace(unit.geometry, traces=(sp.csr_array(sp.eye_array(n)), None), owner=0)

@@ -169,7 +169,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     state_energies(pools, c, u, v, past[_MASS_V * wide : _MASS_V * wide + size], new[:wide], image)
     if row.n_branch > 0:
         # u and v, which stand in the first half of the scratch, have been read
-        account_branches(pools, c, instant, new[:wide], then[:wide], scratch[: 2 * wide])
+        account_branches(pools, c, instant, step, new[:wide], then[:wide], scratch[: 2 * wide])
     if row.kind != STATIC and row.n_motion > 0:
         _account_moved_inertia(pools, c, instant, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new

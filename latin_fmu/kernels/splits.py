@@ -40,7 +40,7 @@ from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING = range(5)
+MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, RELAXING = range(6)
 """Matrices of ``add_product``."""
 FORWARD, BACKWARD, VECTORS, PRODUCT, DENSE = range(100, 105)
 """Actions of ``leaf``."""
@@ -266,6 +266,16 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
             row.landing_together,
             row.landing_parts,
         )
+    if which == RELAXING:
+        return (
+            row.relaxing_rows,
+            row.relaxing_starts,
+            row.relaxing_columns,
+            row.relaxing_values,
+            row.relaxing_diagonal,
+            row.relaxing_together,
+            row.relaxing_parts,
+        )
     return (
         row.mass_rows,
         row.mass_starts,
@@ -313,8 +323,8 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
 
 @kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...), without S of a face; nothing where the class has
-    none."""
+    """out += factor A x for A = M, K, C or a part of these (``MASS`` ...), without S of a face; nothing where the class
+    has none."""
     row, work = pools.classes[c], pools.moving
     if which == DAMPING:
         add_squares(pools, c, row.viscous_rows, row.n_viscous, factor, x, out)

@@ -73,7 +73,7 @@ class InterfaceRows:
         """Keep those of the n instants from ``first`` on that are to be kept, from the rows of the image's output from
         ``row`` on, in the rows of the table from ``at`` on (None: their own); how many."""
         into = self.put(_fields(image, slice(row, row + n)), first, at)
-        skipped, count = -first % self.every, into.stop - into.start
+        skipped, count = -first % self.every, int(into.stop - into.start)
         rows = slice(row + skipped, row + n, self.every)
         if probes is not None and self.slide:
             probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(image.propagators))]

@@ -31,6 +31,7 @@ _KEPT = frozenset(
     (
         "reduced",
         "reduced_stiffness",
+        "reduced_relaxing",
         "modal_rows",
         "reduced_landing",
         "stiffness_by_nodes",
@@ -281,6 +282,10 @@ class SubstructureModel:
     branches: MaxwellBranches = field(default=NO_BRANCHES)
     """Maxwell branches of the damping by strain, springs of the stiffness K times their strengths."""
 
+    relaxing: sp.csr_array | None = field(default=None)
+    """(n_full, n_full) stiffness of the springs of the branches for strengths of 1, where it is not that of the
+    substructure: of a group of bodies some of which relax; None where it is."""
+
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
 
@@ -319,6 +324,11 @@ class SubstructureModel:
         return _reduced(self.expansion, self.inertia), damping, self.reduced_stiffness
 
     @cached_property
+    def reduced_relaxing(self) -> sp.csr_array | None:
+        """``relaxing`` of the reduced dofs, (n, n)."""
+        return None if self.relaxing is None else _reduced(self.expansion, self.relaxing)
+
+    @cached_property
     def reduced_stiffness(self) -> sp.csr_array:
         """P^T K P alone, (n, n)."""
         return _reduced(self.expansion, self.stiffness)
@@ -348,8 +358,8 @@ class SubstructureModel:
 
     @cached_property
     def operator_pattern(self) -> OperatorPattern:
-        """Pattern of the operators of a march: M, K and, where there is one, C."""
-        return OperatorPattern(_present(self))
+        """Pattern of ``operator_matrices``."""
+        return OperatorPattern(operator_matrices(self))
 
     @cached_property
     def massless(self) -> NDArray[np.int64]:
@@ -447,9 +457,28 @@ def _modal_rows(model: SubstructureModel) -> Array | None:
 
 
 def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) -> tuple[float, float, float]:
-    """Factors of M, C and K in the operator of the march of a scheme; that of K with its Maxwell branches."""
+    """Factors of M, C and K in the operator of the march of a scheme; that of K with its Maxwell branches, unless these
+    have springs of their own."""
     mass, damping, stiffness = scheme.operator(dt)
+    if model.relaxing is not None:
+        return mass, damping, stiffness
     return mass, damping, stiffness * model.branches.marched(scheme).stiffening(scheme, dt)
+
+
+def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) -> list[float]:
+    """Factors of ``operator_matrices`` in the operator of the march of a scheme."""
+    mass, damping, stiffness = operator_weights(model, scheme, dt)
+    factors = [mass, stiffness] if model.reduced[1] is None else [mass, stiffness, damping]
+    if model.relaxing is not None:
+        factors.append(stiffness * (model.branches.marched(scheme).stiffening(scheme, dt) - 1.0))
+    return factors
+
+
+def operator_matrices(model: SubstructureModel) -> list[sp.csr_array]:
+    """Matrices (n, n) of the operator of a march: M, K, and where there are, C and the springs of the branches."""
+    mass, damping, stiffness = model.reduced
+    matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
+    return matrices if model.reduced_relaxing is None else [*matrices, model.reduced_relaxing]
 
 
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
@@ -543,20 +572,15 @@ def share_patterns(models: Sequence[SubstructureModel]) -> None:
     """Make models whose reduced matrices have equal patterns share these (values stay their own)."""
     known: dict[tuple[int, ...], list[SubstructureModel]] = {}
     for model in models:
-        matrices = _present(model)
+        matrices = operator_matrices(model)
         like = known.setdefault(tuple(m.nnz for m in matrices), [])
-        same = next((k for k in like if _same_patterns(_present(k), matrices)), None)
+        same = next((k for k in like if _same_patterns(operator_matrices(k), matrices)), None)
         if same is None:
             like.append(model)
             continue
-        for matrix, first in zip(matrices, _present(same), strict=True):
+        for matrix, first in zip(matrices, operator_matrices(same), strict=True):
             matrix.indptr, matrix.indices = first.indptr, first.indices
         model.__dict__["operator_pattern"], model.__dict__["_alike"] = same.operator_pattern, same
-
-
-def _present(model: SubstructureModel) -> list[sp.csr_array]:
-    mass, damping, stiffness = model.reduced
-    return [mass, stiffness] if damping is None else [mass, stiffness, damping]
 
 
 def _same_patterns(first: Sequence[sp.csr_array], second: Sequence[sp.csr_array]) -> bool:
