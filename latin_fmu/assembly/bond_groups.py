@@ -9,7 +9,7 @@ so that a group is a substructure with the dofs q, the matrices Q^T E^T (.) E Q,
 other, and the traces of the interfaces that are left. It is integrated as any other: weighted sums of M a, C v, K u and
 f at the same instants, in which the tractions of bonds cancel. Time schemes, laws, search directions and energies are
 those of bodies. Bodies whose strains relax and others that do not may be in one group: its branches have springs of
-their own then (``SubstructureModel.relaxing``).
+their own then (``SubstructureModel.unrelaxed``).
 
 An interface between two bodies of one group has relative motions for its unknowns: those of side E over E', which
 stands for the ground.
@@ -254,7 +254,7 @@ def _group(
     moved += [jump_rows(layout, trace, i) if i in inner else trace[layout.channels(i, s).ravel()] for i, s in sides]
     strongest = max((m.branches for m in models), key=_strength)
     shares = {m.name: _strength(m.branches) / _strength(strongest) if len(strongest) else 1.0 for m in models}
-    relaxing = None if all(share == 1.0 for share in shares.values()) else _scaled(models, shares, "stiffness")
+    rest = {name: 1.0 - share for name, share in shares.items()}
     model = SubstructureModel(
         name="+".join(names),
         mass=_diagonal([m.inertia for m in models]),
@@ -271,7 +271,7 @@ def _group(
         imposed_speed=_speeds(models),
         landing=_damping(models, "landing"),
         branches=strongest,
-        relaxing=relaxing,
+        unrelaxed=_scaled(models, rest) if any(rest.values()) else None,
         store=models[0].store,
     )
     mass, damping, stiffness = (list(part) for part in zip(*(m.reduced for m in models), strict=True))
@@ -283,9 +283,9 @@ def _group(
     none = all(c is None for c in damping)
     model.__dict__["reduced"] = (reduced[0], None if none else reduced[1], reduced[2])
     model.__dict__["reduced_stiffness"] = model.__dict__["stiffness_by_nodes"] = reduced[2]
-    if relaxing is not None:
-        parts = [share * m.reduced_stiffness for m, share in zip(models, shares.values(), strict=True)]
-        model.__dict__["reduced_relaxing"] = _eliminated_product(made.q_part, parts)
+    if any(rest.values()):
+        parts = [share * m.reduced_stiffness for m, share in zip(models, rest.values(), strict=True)]
+        model.__dict__["reduced_unrelaxed"] = _eliminated_product(made.q_part, parts)
     ordered(model, models, bodies)
     return BondGroup(models, tuple(bonded), inner, where, trace, model, channels, shares)
 
@@ -295,9 +295,9 @@ def _strength(branches: MaxwellBranches) -> float:
     return sum(branches.strengths)
 
 
-def _scaled(models: Sequence[SubstructureModel], shares: Mapping[str, float], kind: str) -> sp.csr_array:
-    """Matrices of bodies times their shares as blocks of one."""
-    made = _diagonal([sp.csr_array(shares[m.name] * getattr(m, kind)) for m in models])
+def _scaled(models: Sequence[SubstructureModel], shares: Mapping[str, float]) -> sp.csr_array:
+    """Stiffnesses of bodies times their shares as blocks of one."""
+    made = _diagonal([sp.csr_array(shares[m.name] * m.stiffness) for m in models])
     made.eliminate_zeros()
     return made
 

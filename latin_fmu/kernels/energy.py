@@ -88,7 +88,7 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     state_energies(pools, c, u, v, mass_v, now[:wide], image)
     if row.n_branch > 0:
         # what an EXPLICIT class keeps is K u itself
-        open_branches(pools, c, instant, image if row.kind == EXPLICIT else now[:wide])
+        open_branches(pools, c, instant, image if row.kind == EXPLICIT else now[:wide], image)
     if row.kind == EXPLICIT and row.loads_only == 0:
         _open_explicit(pools, c, u, v)
         _write(pools, c, instant)

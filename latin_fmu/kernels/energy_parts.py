@@ -11,7 +11,7 @@ from ..compiled import kernel
 from .face import add_face_forces
 from .matrices import LOADS, add_spread, add_sum
 from .records import STATIC
-from .splits import DAMPING, DASHPOTS, LANDING, MASS, RELAXING, STIFFNESS, add_product
+from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, UNRELAXED, add_product
 
 Array = NDArray[np.float64]
 
@@ -74,9 +74,9 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     elif which == LANDING:
         starts_at, columns_at = row.border_landing_starts, row.border_landing_columns
         values_at = row.border_landing_values
-    elif which == RELAXING:
-        starts_at, columns_at = row.border_relaxing_starts, row.border_relaxing_columns
-        values_at = row.border_relaxing_values
+    elif which == UNRELAXED:
+        starts_at, columns_at = row.border_unrelaxed_starts, row.border_unrelaxed_columns
+        values_at = row.border_unrelaxed_values
     starts = pools.fixed_int[starts_at : starts_at + count + 1]
     columns = pools.fixed_col[columns_at : columns_at + starts[count]]
     add_border(row.n, count, starts, columns, pools.fixed[values_at : values_at + starts[count]], row.m, x, out)

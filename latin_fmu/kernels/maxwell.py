@@ -5,8 +5,8 @@ The internal forces of an instant are K y of the displacements
     y = u + sum_j g_j e_j,      e_new = c_e e + c_u (u_new - u),
 
 so that one product with K serves the body and its branches. K e_j follows the same recursion as e_j: the account takes
-no product for it but that with K u, which it needs anyway. Where the branches have springs of their own, of a part of
-the bodies in one class (``RELAXING``), sum_j g_j e_j takes a product with their K, and so does u in the account.
+no product for it but that with K u, which it needs anyway. Where a part K_0 of K has no branches, as some bodies of a
+class of several have none (``UNRELAXED``), K_0 sum_j g_j e_j is taken off again, and K_0 (u_new - u) in the account.
 
 In the middle of an EXPLICIT step y is u_mid + sum_j g_j e_mid, with the weights of half a step. The work on branch j is
 
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .energy_parts import DAMPED, ELASTIC, N_TERM, OF_SCHEME, WORK_OF_LOADS, add_dot, copied, whole_product
 from .records import EXPLICIT
-from .splits import RELAXING, STIFFNESS, add_product
+from .splits import STIFFNESS, UNRELAXED, add_product
 
 Array = NDArray[np.float64]
 
@@ -66,12 +66,12 @@ def add_strains(pools: Any, c: int, new: float, old: float, out: Array) -> None:
 def subtract_strained(pools: Any, c: int, new: float, old: float, moved: Array, load: Array) -> None:
     """Subtract K y from a load (n m,); ``moved`` : the displacements without the branches, which are overwritten; the
     others as for ``add_strains``."""
-    relaxing = pools.classes[c].relaxing_rows > 0
-    if relaxing:
-        add_product(pools, c, STIFFNESS, -1.0, moved, load)
-        moved[:] = 0.0
     add_strains(pools, c, new, old, moved)
-    add_product(pools, c, RELAXING if relaxing else STIFFNESS, -1.0, moved, load)
+    add_product(pools, c, STIFFNESS, -1.0, moved, load)
+    if pools.classes[c].unrelaxed_rows > 0:
+        moved[:] = 0.0
+        add_strains(pools, c, new, old, moved)
+        add_product(pools, c, UNRELAXED, 1.0, moved, load)
 
 
 @kernel
@@ -119,15 +119,20 @@ def whole_elongation(pools: Any, c: int, j: int, instant: int, out: Array) -> No
 
 
 @kernel
-def open_branches(pools: Any, c: int, instant: int, force: Array) -> None:
-    """Begin the account of the branches: elongations, K times these, energies; ``force`` K u becomes K y."""
+def open_branches(pools: Any, c: int, instant: int, force: Array, scratch: Array) -> None:
+    """Begin the account of the branches: elongations, K times these, energies; ``force`` K u becomes K y; ``scratch``
+    (n + n_motion, m)."""
     row, moving = pools.classes[c], pools.moving
     m, wide = row.m, (row.n + row.n_motion) * row.m
     elastic = moving[row.totals + ELASTIC * m : row.totals + (ELASTIC + 1) * m]
     for j in range(row.n_branch):
         elongation, strained = fields_of(pools, c, j, wide)
         whole_elongation(pools, c, j, instant, elongation)
-        whole_product(pools, c, RELAXING if row.relaxing_rows > 0 else STIFFNESS, elongation, strained)
+        whole_product(pools, c, STIFFNESS, elongation, strained)
+        if row.unrelaxed_rows > 0:
+            whole_product(pools, c, UNRELAXED, elongation, scratch)
+            for i in range(wide):
+                strained[i] -= scratch[i]
         strength = weight(pools, c, STRENGTH, j)
         add_dot(m, 0.5 * strength, elongation, strained, elastic)
         for i in range(wide):
@@ -158,8 +163,10 @@ def account_branches(pools: Any, c: int, instant: int, step: Array, force: Array
         strength, strained = weight(pools, c, STRENGTH, j), fields_of(pools, c, j, wide)[1]
         for i in range(wide):
             change[i] += strength * strained[i]
-    if row.relaxing_rows > 0:
-        whole_product(pools, c, RELAXING, step, change)
+    if row.unrelaxed_rows > 0:
+        whole_product(pools, c, UNRELAXED, step, new)
+        for i in range(wide):
+            change[i] -= new[i]
     for j in range(row.n_branch):
         strength, kept, moved = (
             weight(pools, c, STRENGTH, j),

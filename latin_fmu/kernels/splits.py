@@ -40,7 +40,7 @@ from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, RELAXING = range(6)
+MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, UNRELAXED = range(6)
 """Matrices of ``add_product``."""
 FORWARD, BACKWARD, VECTORS, PRODUCT, DENSE = range(100, 105)
 """Actions of ``leaf``."""
@@ -266,15 +266,15 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
             row.landing_together,
             row.landing_parts,
         )
-    if which == RELAXING:
+    if which == UNRELAXED:
         return (
-            row.relaxing_rows,
-            row.relaxing_starts,
-            row.relaxing_columns,
-            row.relaxing_values,
-            row.relaxing_diagonal,
-            row.relaxing_together,
-            row.relaxing_parts,
+            row.unrelaxed_rows,
+            row.unrelaxed_starts,
+            row.unrelaxed_columns,
+            row.unrelaxed_values,
+            row.unrelaxed_diagonal,
+            row.unrelaxed_together,
+            row.unrelaxed_parts,
         )
     return (
         row.mass_rows,

@@ -31,7 +31,7 @@ _KEPT = frozenset(
     (
         "reduced",
         "reduced_stiffness",
-        "reduced_relaxing",
+        "reduced_unrelaxed",
         "modal_rows",
         "reduced_landing",
         "stiffness_by_nodes",
@@ -282,9 +282,9 @@ class SubstructureModel:
     branches: MaxwellBranches = field(default=NO_BRANCHES)
     """Maxwell branches of the damping by strain, springs of the stiffness K times their strengths."""
 
-    relaxing: sp.csr_array | None = field(default=None)
-    """(n_full, n_full) stiffness of the springs of the branches for strengths of 1, where it is not that of the
-    substructure: of a group of bodies some of which relax; None where it is."""
+    unrelaxed: sp.csr_array | None = field(default=None)
+    """(n_full, n_full) part of the stiffness whose springs have no branches: of a group of bodies some of which relax;
+    None where all have."""
 
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
@@ -324,9 +324,9 @@ class SubstructureModel:
         return _reduced(self.expansion, self.inertia), damping, self.reduced_stiffness
 
     @cached_property
-    def reduced_relaxing(self) -> sp.csr_array | None:
-        """``relaxing`` of the reduced dofs, (n, n)."""
-        return None if self.relaxing is None else _reduced(self.expansion, self.relaxing)
+    def reduced_unrelaxed(self) -> sp.csr_array | None:
+        """``unrelaxed`` of the reduced dofs, (n, n)."""
+        return None if self.unrelaxed is None else _reduced(self.expansion, self.unrelaxed)
 
     @cached_property
     def reduced_stiffness(self) -> sp.csr_array:
@@ -457,11 +457,8 @@ def _modal_rows(model: SubstructureModel) -> Array | None:
 
 
 def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) -> tuple[float, float, float]:
-    """Factors of M, C and K in the operator of the march of a scheme; that of K with its Maxwell branches, unless these
-    have springs of their own."""
+    """Factors of M, C and K in the operator of the march of a scheme; that of K with its Maxwell branches."""
     mass, damping, stiffness = scheme.operator(dt)
-    if model.relaxing is not None:
-        return mass, damping, stiffness
     return mass, damping, stiffness * model.branches.marched(scheme).stiffening(scheme, dt)
 
 
@@ -469,16 +466,17 @@ def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) ->
     """Factors of ``operator_matrices`` in the operator of the march of a scheme."""
     mass, damping, stiffness = operator_weights(model, scheme, dt)
     factors = [mass, stiffness] if model.reduced[1] is None else [mass, stiffness, damping]
-    if model.relaxing is not None:
-        factors.append(stiffness * (model.branches.marched(scheme).stiffening(scheme, dt) - 1.0))
+    if model.unrelaxed is not None:
+        factors.append(scheme.operator(dt)[2] - stiffness)  # it has no branches
     return factors
 
 
 def operator_matrices(model: SubstructureModel) -> list[sp.csr_array]:
-    """Matrices (n, n) of the operator of a march: M, K, and where there are, C and the springs of the branches."""
+    """Matrices (n, n) of the operator of a march: M, K, and where there are, C and the part of K
+    without branches."""
     mass, damping, stiffness = model.reduced
     matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
-    return matrices if model.reduced_relaxing is None else [*matrices, model.reduced_relaxing]
+    return matrices if model.reduced_unrelaxed is None else [*matrices, model.reduced_unrelaxed]
 
 
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
