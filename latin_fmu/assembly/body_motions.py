@@ -15,7 +15,8 @@ from ..propagator.model import Operators
 from ..time_scheme import TimeScheme
 from .initial_state import InitialState, TightBolts
 from .models import ModelClass
-from .problem import DiscretisedProblem, Timeline
+from .problem import DiscretisedProblem
+from .timeline import Timeline
 
 
 class _Moves:

@@ -285,7 +285,7 @@ def _group(
     model.__dict__["reduced_stiffness"] = model.__dict__["stiffness_by_nodes"] = reduced[2]
     if any(rest.values()):
         parts = [share * m.reduced_stiffness for m, share in zip(models, rest.values(), strict=True)]
-        model.__dict__["reduced_unrelaxed"] = _eliminated_product(made.q_part, parts)
+        model.__dict__["_unrelaxed"] = _eliminated_product(made.q_part, parts)
     ordered(model, models, bodies)
     return BondGroup(models, tuple(bonded), inner, where, trace, model, channels, shares)
 

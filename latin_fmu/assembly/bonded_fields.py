@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from ..kernels.energy_parts import TERMS
 from ..latin.assembly import Array, Assembly, Index
 from ..latin.probes import SERIES, FacePlace, OutputRequest, Probes, Reading
-from ..latin.recorder import Recorder, SubstructureInfo, places_in
+from ..latin.recorder import Recorder, SubstructureInfo, node_fields, places_in, small
 from ..propagator.forcing import STRAIN
 from ..propagator.image import Image
 from ..propagator.model import closest_reduced
@@ -196,7 +196,7 @@ class BondedRecorder(Recorder):
             trace = self._bodies.interfaces[i].geometry.traces[side]
             if i in self.rows.slide and trace is not None:
                 made[f"{_SLIDE} {i} {side}"] = self._placed(name, trace)
-        whole = fields and self._keeps_whole(assembly)
+        whole = fields and self._stored.wanted and small(assembly)
         if not (whole or made):
             return None
         probes = Probes(assembly, [], OutputRequest(faces=made), whole)
@@ -263,11 +263,11 @@ class BondedRecorder(Recorder):
             return values
         return np.concatenate([values[:, :STRAIN], share * values[:, STRAIN:]], axis=1)
 
-    def _moved(self, assembly: Assembly, image: Image, rows: slice, instants: range, name: str, kind: int) -> Any:
+    def _moved(self, of: tuple[Assembly, Image], rows: slice, instants: range, name: str, kind: int) -> Any:
         """Displacements or velocities of a body."""
         place = self._grouped.places[name]
-        at = places_in(assembly)[place.substructure]
-        moved = self._fields_at((assembly, image), rows, instants, at, kind)
+        at = places_in(of[0])[place.substructure]
+        moved = node_fields(of, self._whole, (rows, instants), at, kind)
         if place.substructure == name:
             return moved
         nodes = slice(place.part.start // 3, place.part.stop // 3)

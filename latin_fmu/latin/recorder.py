@@ -217,15 +217,10 @@ class Recorder:
     def probes(self, assembly: Assembly, fields: bool) -> Probes | None:
         """What an image keeps of the substructures for this recorder beside their energies, None where that is nothing;
         ``fields`` : those that are stored, too, where the substructures are small."""
-        whole = fields and self._keeps_whole(assembly)
+        whole = fields and self._stored.wanted and small(assembly)
         if not (whole or self.rows.slide or any(self._series[key] for key in SERIES)):
             return None
         return Probes(assembly, self.sliding, self.request, whole)
-
-    def _keeps_whole(self, assembly: Assembly) -> bool:
-        """Whether the image keeps all nodes of an assembly: where fields are stored, of small substructures."""
-        size = sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators)
-        return self._stored.wanted and size <= _SMALL
 
     def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
@@ -238,16 +233,17 @@ class Recorder:
             own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
             kept[now] = own[rows]
         self.n_kept += n
-        if self._stored.wanted:
-            self._look((assembly, image), (now, row), self.request.every, self._stored.keep)
-        if self.stresses.tables:
-            self._look((assembly, image), (now, row), self.stresses.every, partial(self.stresses.keep, self._places))
 
-    def _look(self, of: tuple[Assembly, Image], at: tuple[slice, int], every: int, keep: Callable[..., None]) -> None:
-        """Let ``keep`` look at the fields of every so many of the instants, that are in rows from ``row`` on."""
-        instants, rows = _read(self._whole, *at, every)
-        if instants:
-            keep(instants, of[0].time[instants], partial(self._moved, *of, rows, instants))
+        def look(every: int, keep: Callable[..., None]) -> None:
+            instants, picked = _read(self._whole, now, row, every)
+            if instants:
+                moved = partial(self._moved, (assembly, image), picked, instants)
+                keep(instants, assembly.time[instants], moved)
+
+        if self._stored.wanted:
+            look(self.request.every, self._stored.keep)
+        if self.stresses.tables:
+            look(self.stresses.every, partial(self.stresses.keep, self._places))
 
     def _keep_rows(self, assembly: Assembly, image: Image, probes: Probes | None, now: slice, rows: slice) -> None:
         """Keep interfaces and series at the instants ``now``, ``rows`` of the image's output."""
@@ -258,19 +254,10 @@ class Recorder:
         if probes is not None:
             probes.read(assembly, image, now, rows, self._series)
 
-    def _moved(self, assembly: Assembly, image: Image, rows: slice, instants: range, name: str, kind: int) -> Any:
+    def _moved(self, of: tuple[Assembly, Image], rows: slice, instants: range, name: str, kind: int) -> Any:
         """Displacements (``kind`` 0) or velocities (1) of a substructure, (n, n_node, 3), at instants that are ``rows``
         of the image's output, else the present one."""
-        return self._fields_at((assembly, image), rows, instants, self._places[name], kind)
-
-    def _fields_at(
-        self, of: tuple[Assembly, Image], rows: slice, instants: range, place: tuple[int, int], kind: int
-    ) -> Any:
-        """``_moved`` of the substructure with this number of its class, and of the member."""
-        c, member = place
-        if self._whole is not None:
-            return self._whole.fields(of[1], c, member, kind, rows, instants)
-        return [(full_displacement, full_velocity)[kind](of[0].propagators[c], member)]
+        return node_fields(of, self._whole, (rows, instants), self._places[name], kind)
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
@@ -283,21 +270,12 @@ class Recorder:
         return min((every - (self.n_kept - 1) % every for every in steps), default=many)
 
     # -- parts of the histories -------------------------------------------------------------------------------------
-    def _views(self, first: int) -> dict[str, Array]:
-        """What is kept in memory from the instant ``first`` on, time first, by name."""
-        views = {
-            f"{kind} {key}": values[first : self.n_kept]
-            for kind, table in self._series.items()
-            for key, values in table.items()
-        }
-        return views | {"interfaces": self.rows.table[self.rows.row(first) : self.rows.row(self.n_kept)]}
-
     def part(self, first: int, n_fields: int) -> dict[str, Any]:
         """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
         stream = self.stream
         return {
             "n_kept": self.n_kept,
-            "rows": self._views(first),
+            "rows": _views(self, first),
             "stream": None if stream is None else stream.rows(-(-first // stream.every), stream.n_row),
             **self._stored.part(n_fields),
         }
@@ -305,7 +283,7 @@ class Recorder:
     def append(self, part: Mapping[str, Any], first: int) -> None:
         """Put a ``part`` from the instant ``first`` on behind what has been kept."""
         self.n_kept = part["n_kept"]
-        for name, values in self._views(first).items():
+        for name, values in _views(self, first).items():
             values[:] = part["rows"][name]
         if self.stream is not None:
             self.stream.append(part["stream"])
@@ -394,25 +372,51 @@ class Recorder:
         if not self.request.energy:
             return None
         drift = self._series["energy"]["drift"][: self.n_kept]
-        return energy_balance(assembly, list(self._terms().values()), drift, self._interface_series(assembly))
+        return energy_balance(assembly, list(self._terms().values()), drift, _interface_series(self, assembly))
 
-    def _interface_series(self, assembly: Assembly) -> list[dict[str, Array]]:
-        """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
-        weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
 
-        def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
-            against = assembly.ground.velocity
-            made = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
-            return [{key: values[known:] for key, values in series.items()} for series in made]
+def small(assembly: Assembly) -> bool:
+    """Whether the nodes of an assembly are so few that the image may keep them all."""
+    return sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators) <= _SMALL
 
-        if self.stream is None:
-            return of(self.interfaces(), 0)
-        # the weights of a step take the instant before it
-        parts = [of(histories, 2 if first else 0) for first, _, histories in self.stream.blocks(overlap=2)]
-        return [
-            {key: np.concatenate([part[i][key] for part in parts]) for key in series}
-            for i, series in enumerate(parts[0])
-        ]
+
+def node_fields(
+    of: tuple[Assembly, Image], whole: Probes | None, at: tuple[slice, range], place: tuple[int, int], kind: int
+) -> Any:
+    """Displacements (``kind`` 0) or velocities (1) (n, n_node, 3) of the member of a class at a ``place``: by the
+    probes of all nodes, at the rows and instants ``at``, else of the present state."""
+    c, member = place
+    if whole is not None:
+        return whole.fields(of[1], c, member, kind, *at)
+    return [(full_displacement, full_velocity)[kind](of[0].propagators[c], member)]
+
+
+def _views(recorder: Recorder, first: int) -> dict[str, Array]:
+    """What is kept in memory from the instant ``first`` on, time first, by name."""
+    views = {
+        f"{kind} {key}": values[first : recorder.n_kept]
+        for kind, table in recorder._series.items()
+        for key, values in table.items()
+    }
+    return views | {"interfaces": recorder.rows.table[recorder.rows.row(first) : recorder.rows.row(recorder.n_kept)]}
+
+
+def _interface_series(recorder: Recorder, assembly: Assembly) -> list[dict[str, Array]]:
+    """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
+    weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
+
+    def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
+        against = assembly.ground.velocity
+        made = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
+        return [{key: values[known:] for key, values in series.items()} for series in made]
+
+    if recorder.stream is None:
+        return of(recorder.interfaces(), 0)
+    # the weights of a step take the instant before it
+    parts = [of(histories, 2 if first else 0) for first, _, histories in recorder.stream.blocks(overlap=2)]
+    return [
+        {key: np.concatenate([part[i][key] for part in parts]) for key in series} for i, series in enumerate(parts[0])
+    ]
 
 
 def places_in(assembly: Assembly) -> dict[str, tuple[int, int]]:

@@ -31,7 +31,7 @@ _KEPT = frozenset(
     (
         "reduced",
         "reduced_stiffness",
-        "reduced_unrelaxed",
+        "_unrelaxed",
         "modal_rows",
         "reduced_landing",
         "stiffness_by_nodes",
@@ -324,11 +324,6 @@ class SubstructureModel:
         return _reduced(self.expansion, self.inertia), damping, self.reduced_stiffness
 
     @cached_property
-    def reduced_unrelaxed(self) -> sp.csr_array | None:
-        """``unrelaxed`` of the reduced dofs, (n, n)."""
-        return None if self.unrelaxed is None else _reduced(self.expansion, self.unrelaxed)
-
-    @cached_property
     def reduced_stiffness(self) -> sp.csr_array:
         """P^T K P alone, (n, n)."""
         return _reduced(self.expansion, self.stiffness)
@@ -462,6 +457,14 @@ def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) ->
     return mass, damping, stiffness * model.branches.marched(scheme).stiffening(scheme, dt)
 
 
+def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
+    """The part of the stiffness of the reduced dofs that has no branches, (n, n); None where all has."""
+    if model.unrelaxed is not None and "_unrelaxed" not in model.__dict__:
+        model.__dict__["_unrelaxed"] = _reduced(model.expansion, model.unrelaxed)
+    made: sp.csr_array | None = model.__dict__.get("_unrelaxed")
+    return made
+
+
 def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) -> list[float]:
     """Factors of ``operator_matrices`` in the operator of the march of a scheme."""
     mass, damping, stiffness = operator_weights(model, scheme, dt)
@@ -476,7 +479,8 @@ def operator_matrices(model: SubstructureModel) -> list[sp.csr_array]:
     without branches."""
     mass, damping, stiffness = model.reduced
     matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
-    return matrices if model.reduced_unrelaxed is None else [*matrices, model.reduced_unrelaxed]
+    unrelaxed = unrelaxed_part(model)
+    return matrices if unrelaxed is None else [*matrices, unrelaxed]
 
 
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
