@@ -7,6 +7,7 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
@@ -522,7 +523,13 @@ def _made(
                 from .assembly.static_fields import solved_at_once
 
                 at_once = solved_at_once(scene, discretised, wanted or size > 1 or how.looked_at)
-            problem = solver_ready(discretised, {}, size, stages, modal or tried, at_once)
+            grouped, why = None, ""
+            if not (modal or tried or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
+                from .effects.march_choice import cheaper_march
+
+                grouped, prediction, why = cheaper_march(discretised, prediction, restricted)
+            problem = solver_ready(discretised, {}, size, stages, modal or tried, at_once, grouped)
+            problem = replace(problem, bonds=f"iterated: {why}") if why else problem
         except TieError as error:
             if tried:
                 return _made(scene, behaviours, kept, stream, processes, replace(how, modes_open=False))
@@ -604,6 +611,7 @@ def _marched(
     begin = clock.process_time()
     part = None if options.processes is None else Part(assembly, options.processes)
     reduced, settings, held = problem.reduced, problem.settings, assembly
+    held = held if problem.grouped is None else problem.grouped.assembly
     if reduced is None:
         # of the substructures of this process, where there are several
         recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
@@ -632,6 +640,8 @@ def _marched(
         march.join()
         if reduced is not None:
             recorder = _recorder_of_bodies(problem, recorder)
+        elif problem.grouped is not None:
+            cast(Any, recorder).leave()
     outcome = _outcome(problem, march, recorder)
     timings.other = clock.process_time() - ready - timings.march
     timings.wall = clock.perf_counter() - wall
@@ -711,15 +721,17 @@ def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assemb
     """The recorder of a run, with a temporary file where the histories of the interfaces are large; ``assembly`` : with
     the substructures of this process."""
     request = replace(problem.output, watch=True)
+    make: Callable[..., Recorder] = partial(Recorder, assembly)
+    make = make if problem.grouped is None else problem.grouped.recorder
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)
     if stream is None or size <= STREAMED:
-        return Recorder(assembly, request, problem.info, every)
+        return make(request, problem.info, every)
     check_folder(stream, size)
     file = cast(BinaryIO, tempfile.TemporaryFile(dir=stream, prefix=".latin-fmu-"))  # noqa: SIM115, closed by the caller
     # at most IN_MEMORY rows, at instants that the recorder keeps
-    return Recorder(assembly, request, problem.info, every, file, every * -(-rows // IN_MEMORY))
+    return make(request, problem.info, every, file, every * -(-rows // IN_MEMORY))
 
 
 def check(scene: Scene) -> list[str]:

@@ -1,10 +1,17 @@
-"""Bolted assemblies marched body by body and by the modes of the assembly, in turn: time, memory and differences.
+"""Bolted assemblies marched in three ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
     python examples/benchmarks/assemblies.py [--rounds N] [--share X]
 
-For the electronics box and the bolted beam (5 ms of it): seconds of the processor for the set-up with the static start,
-for the march and for the rest, by rounds in turn, medians; the peak memory of a process of its own; and what the two
-marches differ by: tensions of the bolts, work of friction, the shock response spectrum of each sensor up to 5 kHz.
+``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
+bodies as one; ``modal`` the modes of the assembly. For the electronics box and the bolted beam (5 ms of it): seconds of
+the processor for the set-up with the static start, for the march and for the rest, by rounds in turn, medians; the peak
+memory of a process of its own; and what the others differ from ``iterate`` by: tensions of the bolts, work of friction,
+the shock response spectrum of each sensor up to 5 kHz.
+
+The box with all its joints bonded, undamped, and hit by a pressure on its lid: the march beside a linear transient of
+the merged mesh: HHT with one solution by the same Cholesky factor and one product with K and with M in a step, nothing
+recorded but the motion of the sensor, by which both are compared. Bonds iterated have matrices of the bodies alone.
+
 ``--share`` shortens the runs, to see that it works.
 """
 
@@ -15,15 +22,40 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from statistics import median
+from time import process_time
 from typing import Any
 
 import numpy as np
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ENDS = {"electronics_box": 10e-3, "bolted_beam": 5e-3}  # s
-KINDS = ("direct", "modal")
+KINDS = ("iterate", "direct", "modal")
+BONDED = ("iterate", "with energies", "direct", "transient")
+HIT = """
+[boundary.base]
+type = "fixed"
+face = "tray.base"
+components = ["x", "y", "z"]
+
+[load.hit]
+face = "component.top"
+pressure = 1e6
+law = {type = "half_sine", duration = 0.5e-3}
+
+[sensor.component]
+face = "component.top"
+
+[time]
+end = 10e-3
+step = 10e-6
+scheme = "hht"
+
+[output]
+reactions = false
+"""
 HIGHEST, QUALITY = 5000.0, 10.0  # Hz and Q of the spectra that are compared
 
 
@@ -32,7 +64,9 @@ def one(model: str, kind: str, share: float) -> dict[str, Any]:
     import latin_fmu
 
     scene = latin_fmu.load_scene(MODELS / model / "scene.toml")
-    scene = scene.replace("time.end", share * ENDS[model]).replace("solver.propagator", kind)
+    scene = scene.replace("time.end", share * ENDS[model])
+    scene = scene.replace("solver.propagator", "modal" if kind == "modal" else "direct")
+    scene = scene.replace("solver.bonds", "iterate") if kind == "iterate" else scene
     solution = latin_fmu.solve(scene)
     outcome, timings = solution.outcome, solution.outcome.timings
     frequencies = np.geomspace(200.0, HIGHEST, 40)
@@ -59,9 +93,68 @@ def one(model: str, kind: str, share: float) -> dict[str, Any]:
     }
 
 
-def apart(model: str, share: float, kind: str) -> dict[str, Any]:
-    """A run in a process of its own, on one thread."""
-    command = [sys.executable, __file__, "--one", model, kind, "--share", f"{share:g}"]
+def bonded_scene(share: float) -> Any:
+    """The box with all its joints bonded, without damping, bolts and start, hit by a pressure."""
+    import latin_fmu
+
+    model = MODELS / "electronics_box" / "scene.toml"
+    text = model.read_text().split("[bolt.screw1]")[0].replace("friction_coefficient = 0.2", 'behaviour = "perfect"')
+    lines = [line for line in text.splitlines() if not line.startswith("damping_ratios")]
+    with tempfile.NamedTemporaryFile("w", suffix=".toml", dir=model.parent) as file:  # beside the mesh
+        file.write("\n".join(lines) + HIT)
+        file.flush()
+        scene = latin_fmu.load_scene(file.name)
+    return scene.replace("time.end", share * 10e-3).replace("solver.propagator", "direct")
+
+
+def bonded(kind: str, share: float) -> dict[str, Any]:
+    """Time of the march of the bonded box, s, and velocity of its sensor."""
+    import latin_fmu
+
+    scene = bonded_scene(share)
+    if kind == "transient":
+        return transient(scene)
+    scene = scene.replace("solver.bonds", "iterate") if kind == "iterate" else scene
+    solution = latin_fmu.solve(scene.replace("output.energy", kind == "with energies"))
+    velocity = solution.sensors["component"].velocity[:, 2]
+    return {"march": solution.outcome.timings.march, "velocity": velocity.tolist()}
+
+
+def transient(scene: Any) -> dict[str, Any]:
+    """HHT on the merged mesh, as ``bonded``."""
+    from latin_fmu.assembly.bonded_run import grouped_assembly
+    from latin_fmu.assembly.build import discretise
+    from latin_fmu.cholesky.factor import CholeskyFactor
+
+    discretised = discretise(scene)
+    grouped, _ = grouped_assembly(discretised, False)
+    (merged,) = grouped.groups
+    (mass, _, stiffness), rank = merged.model.reduced, merged.model.at_interface[2]
+    sensor = discretised.sensors["component"]
+    rows = np.zeros((3, merged.model.n_full))
+    rows[:, merged.where[sensor.substructure]] = sensor.rows.toarray()
+    rows = rows @ merged.model.expansion
+    (load,) = [term for term in merged.model.loads if term.name == "hit"]
+    pattern = merged.model.expansion.T @ load.pattern
+    time, dt, alpha = discretised.time, discretised.dt, -0.1
+    gamma, beta = 0.5 - alpha, (1.0 - alpha) ** 2 / 4
+    factor = CholeskyFactor(mass + (1 + alpha) * beta * dt**2 * stiffness, np.zeros(0, dtype=np.int64), rank)
+    amplitude = np.where(time < 0.5e-3, np.sin(np.pi * time / 0.5e-3), 0.0)
+    u, v, a, velocity = np.zeros_like(pattern), np.zeros_like(pattern), np.zeros_like(pattern), [0.0]
+    residual, begin = np.zeros_like(pattern), process_time()
+    for t in range(1, len(time)):
+        u, v = u + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1 - gamma) * a
+        forces = (1 + alpha) * (amplitude[t] * pattern - stiffness @ u) - alpha * residual
+        a = factor.solve(forces[:, None])[:, 0]
+        u, v = u + dt**2 * beta * a, v + dt * gamma * a
+        residual = (mass @ a + alpha * residual) / (1 + alpha)
+        velocity.append(float(rows[2] @ v))
+    return {"march": process_time() - begin, "velocity": velocity}
+
+
+def apart(share: float, *given: str) -> dict[str, Any]:
+    """A run in a process of its own, on one thread; ``given`` : model and kind, or kind of the bonded box."""
+    command = [sys.executable, __file__, "--one", *given, "--share", f"{share:g}"]
     made = subprocess.run(
         command, capture_output=True, text=True, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
     )
@@ -69,38 +162,63 @@ def apart(model: str, share: float, kind: str) -> dict[str, Any]:
     return found
 
 
+def compare(model: str, share: float, rounds: int) -> None:
+    """Print the table of a model."""
+    runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    for _ in range(rounds):
+        for kind in KINDS:
+            runs[kind].append(apart(share, model, kind))
+    print(f"\n{model}: {1e3 * share * ENDS[model]:g} ms, medians of {rounds}")
+    for part in ("setup", "march", "rest"):
+        times = {kind: median(run[part] for run in runs[kind]) for kind in KINDS}
+        words = "  ".join(f"{kind} {t:8.2f} s" for kind, t in times.items())
+        ratios = "  ".join(f"iterate over {kind} {times['iterate'] / times[kind]:.2f}" for kind in KINDS[1:])
+        print(f"  {part:6} {words}  {ratios}")
+    first = runs["iterate"][-1]
+    for kind in KINDS:
+        last = runs[kind][-1]
+        print(
+            f"  {kind:7} {last['iterations']:.1f} iterations an instant, peak memory {last['memory'] / 1e9:.2f} GB"
+            + ("" if last["converged"] else ", NOT CONVERGED")
+        )
+        if kind == "iterate":
+            continue
+        off = max(np.abs(np.subtract(f, last["bolts"][name])).max() for name, f in first["bolts"].items())
+        friction = last["friction"] / first["friction"] - 1
+        print(f"          bolts differ from iterate by {off:.3g} N, work of friction {friction:+.2%}")
+        for name, spectrum in first["spectra"].items():
+            change = np.abs(np.divide(last["spectra"][name], spectrum) - 1.0)
+            sizes = f"up to {change.max():.1%}, median {np.median(change):.1%}"
+            print(f"          spectrum of {name} up to {HIGHEST:g} Hz differs by {sizes}")
+
+
+def compare_bonded(share: float, rounds: int) -> None:
+    """Print the march of the bonded box beside the transient."""
+    runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in BONDED}
+    for _ in range(rounds):
+        for kind in BONDED:
+            runs[kind].append(apart(share, kind))
+    print(f"\nelectronics_box with all joints bonded: {10 * share:g} ms, medians of {rounds}")
+    times = {kind: median(run["march"] for run in runs[kind]) for kind in BONDED}
+    wanted = np.array(runs["transient"][-1]["velocity"])
+    for kind, t in times.items():
+        off = np.abs(np.array(runs[kind][-1]["velocity"]) - wanted).max() / np.abs(wanted).max()
+        print(f"  {kind:14} {t:8.2f} s, {t / times['transient']:.2f} of the transient, velocity differs by {off:.1e}")
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--share", type=float, default=1.0, help="of the time of each run")
-    parser.add_argument("--one", nargs=2, metavar=("MODEL", "KIND"), help=argparse.SUPPRESS)
+    parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        print(json.dumps(one(*given.one, given.share)))
+        print(json.dumps(bonded(*given.one, given.share) if len(given.one) == 1 else one(*given.one, given.share)))
         return
+    compare_bonded(given.share, given.rounds)
     for model in ENDS:
-        runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
-        for _ in range(given.rounds):
-            for kind in KINDS:
-                runs[kind].append(apart(model, given.share, kind))
-        print(f"\n{model}: {1e3 * given.share * ENDS[model]:g} ms, medians of {given.rounds}")
-        for part in ("setup", "march", "rest"):
-            direct, modal = (median(run[part] for run in runs[kind]) for kind in KINDS)
-            print(f"  {part:6} direct {direct:8.2f} s  modal {modal:8.2f} s  direct over modal {direct / modal:.2f}")
-        for kind in KINDS:
-            last = runs[kind][-1]
-            print(
-                f"  {kind:6} {last['iterations']:.1f} iterations an instant, peak memory {last['memory'] / 1e9:.2f} GB"
-                + ("" if last["converged"] else ", NOT CONVERGED")
-            )
-        first, second = (runs[kind][-1] for kind in KINDS)
-        off = max(np.abs(np.subtract(f, second["bolts"][name])).max() for name, f in first["bolts"].items())
-        print(f"  bolts differ by {off:.3g} N, work of friction {second['friction'] / first['friction'] - 1:+.2%}")
-        for name, spectrum in first["spectra"].items():
-            change = np.abs(np.divide(second["spectra"][name], spectrum) - 1.0)
-            sizes = f"up to {change.max():.1%}, median {np.median(change):.1%}"
-            print(f"  spectrum of {name} up to {HIGHEST:g} Hz differs by {sizes}")
+        compare(model, given.share, given.rounds)
 
 
 if __name__ == "__main__":

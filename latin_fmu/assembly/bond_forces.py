@@ -11,6 +11,7 @@ loops of bonds is not determined by it, and becomes zero.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -51,9 +52,17 @@ class BondForces:
         system = sp.csc_array(system + sp.diags_array(_REGULAR * diagonal + np.where(diagonal > 0.0, 0.0, 1.0)))
         self._factor = spla.splu(system)
 
+    @cached_property
+    def rows(self) -> sp.csr_array:
+        """From forces (n_full,) on the bodies to those on the dofs at bonded faces."""
+        return sp.csr_array(sp.csc_array(self._expansion)[:, self._dofs].T)
+
     def tractions(self, forces: Array) -> dict[int, Array]:
         """Tractions (k, n_channel) on side E of each bond, local frames, Pa, for forces g (n_full, k), N."""
-        wanted = (self._expansion.T @ forces)[self._dofs]
+        return self.carried(np.asarray(self.rows @ forces))
+
+    def carried(self, wanted: Array) -> dict[int, Array]:
+        """The same for forces that are taken to ``rows`` already."""
         solved = self._factor.solve(np.ascontiguousarray(self._weighted @ wanted))
         ends = np.cumsum(self._counts)
         parts = zip(self._bonded, self._counts, ends.tolist(), strict=True)

@@ -65,6 +65,7 @@ from .tied_assembly import TieError
 from .untouched import never_touched
 
 if TYPE_CHECKING:
+    from .bond_groups import GroupedAssembly
     from .damping_band import DampingBand
 
 _LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
@@ -94,11 +95,12 @@ def solver_ready(
     stages: list[Stage] | None = None,
     modal: bool = False,
     at_once: bool = False,
+    grouped: GroupedAssembly | None = None,
 ) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
     ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
     whether the assembly is marched by its modes. at_once : whether one without inertia is solved over all bodies
-    together, where it can be."""
+    together, where it can be. grouped : the substructures where bonded bodies are one, None where they are not."""
     start = starting_equilibrium(discretised, amplitudes, stages)
     if at_once:
         from .static_fields import static_problem_at_once
@@ -111,6 +113,13 @@ def solver_ready(
         from .modal_problem import modal_problem
 
         return modal_problem(discretised, start)
+    if grouped is not None:
+        from .bonded_run import bonded_problem
+
+        try:
+            return bonded_problem(discretised, start, grouped)
+        except TieError as error:
+            return replace(discretised.build(start), bonds=f"iterated: {error}")
     return discretised.build(start, processes=processes)
 
 

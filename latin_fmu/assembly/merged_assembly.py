@@ -32,7 +32,7 @@ from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.model import is_selection as copies
 from ..scene.fields import split_face
 from .body import Body, consecutive
-from .problem import Timeline
+from .timeline import Timeline
 
 _NOTHING = 1e-9  # entries below this share of 1 are round-off
 _DENSE: Final = 4_000_000  # entries of dependent rows up to which they are eliminated as a dense matrix

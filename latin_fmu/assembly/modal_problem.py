@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..latin.assembly import Assembly, Layout
 from ..machine import give_back_memory
 from ..remarks import remarks_of
 from ..time_scheme import MasslessContact
-from .initial_state import InitialState, TightBolts
+from .body_motions import standing_bodies
+from .initial_state import InitialState
 from .problem import DiscretisedProblem, SolverReadyProblem, ready
-from .reduced_run import BodyMotions, ReducedMarch, reduced_march
+from .reduced_run import ReducedMarch, reduced_march
 
 
 def modal_problem(
@@ -25,16 +25,7 @@ def modal_problem(
     ------
     TieError : an assembly that cannot be.
     """
-    units, scheme = discretised.units, MasslessContact()
-    layout = discretised.layout if start is None else Layout(units)  # ``start`` changes its gaps
-    classes = discretised.classes if start is None else start.displaced(discretised.classes)
-    propagators = [BodyMotions(c.members, scheme, discretised.dt, False) for c in classes]
-    given = units, layout, discretised.impedance.copy(), discretised.characteristic_traction, scheme
-    assembly = Assembly(propagators, [c.channels for c in classes], *given)
-    if start is not None:
-        start.hand_over(assembly)
-    timeline = discretised.timeline_with(TightBolts() if start is None else start.bolts)
-    timeline.begin(assembly, discretised.time, {}, assembly.ground.start)
+    classes, assembly, timeline = standing_bodies(discretised, start, MasslessContact())
     give_back_memory()  # of the static start
     bodies = discretised.bodies.items()
     viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}

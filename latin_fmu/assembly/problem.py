@@ -13,27 +13,27 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..fem.mesh import padded_cells
-from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
+from ..latin.assembly import Array, Assembly, Index, InterfaceUnit, Layout
 from ..latin.probes import OutputRequest, SensorPlace
 from ..latin.recorder import Recorder, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, SolverSettings
 from ..laws.maxwell_joint import MaxwellJoint
-from ..propagator import Histories, LoadTerm, SubstructureModel
+from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.interface_probing import SHARE
 from ..propagator.model import diagonal_matrix, share_patterns
 from ..remarks import Remark, remarks_of
 from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
-from ..scene.laws import InputLaw, TimeLaw, sampled
+from ..scene.laws import InputLaw, TimeLaw
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable, Uniform
 from ..scene.substructures import Temperature
 from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme, joint_weights
 from .body import Body, body_sides, branches_of, flexibility, side_impedance, side_stiffness
-from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
+from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress
 from .checks import resolution_remarks
 from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
@@ -54,100 +54,16 @@ from .propagator_choice import divided, made_propagators
 from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
+from .timeline import NO_RAMPS, Timeline
 from .untouched import Untouched
 from .wave_pace import waves_count
-from .whole_march import WholeMarch
+from .whole_march import GroupedMarch, WholeMarch
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
 ROUND_OFF = 1e-13
 """The same as a share of the characteristic traction, where rounding errors alone are to be ignored."""
 NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
-NO_ELONGATION: Final[Mapping[str, Array]] = MappingProxyType({})
-NO_RAMPS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType({})
-
-
-class Timeline:
-    """Samples the laws of a scene; histories given from outside replace those laws.
-
-    They are given by the name of a force (``Scene.force_laws``), ``boundary.NAME`` (``PrescribedMotion.velocity``), or
-    ``ground.INTERFACE`` (amplitude of its velocity). ``bolts`` : first and last amplitude of the load term of each
-    bolt, linear in between over the interval of the scene. ``elongation`` : plastic (n_step + 1,) of bolts at the
-    instants of the scene, m, by which their shanks are shortened less.
-    histories : (n_time,) of load terms that no law of the scene has, at the instants of ``begin``.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        conditions: dict[str, Conditions],
-        bolts: Mapping[str, tuple[float, float]] = NO_RAMPS,
-        elongation: Mapping[str, Array] = NO_ELONGATION,
-        histories: Mapping[str, Array] = NO_ELONGATION,
-    ) -> None:
-        self._scene, self._conditions, self._laws = scene, conditions, scene.force_laws
-        self._bolts = {load_name(name): ramp for name, ramp in bolts.items()}
-        self._elongation = {load_name(name): q for name, q in elongation.items()}
-        self._histories = histories
-
-    def begin(
-        self,
-        assembly: Assembly,
-        time: Array,
-        given: Mapping[str, Array],
-        ground_start: Mapping[int, GroundState],
-        dt: float | None = None,
-    ) -> None:
-        """Set the instants of an assembly and of its propagators.
-
-        Parameters
-        ----------
-        time : (n_time,), s. given : histories (n_time,) from outside by name. ground_start : see ``Assembly.begin``.
-        dt : step of the operators, s; that of ``time`` where None (they may differ by round-off).
-        """
-        dt = float(time[1] - time[0]) if dt is None else dt
-        for propagator in assembly.propagators:
-            propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self.ground(assembly.interfaces, time, given), ground_start)
-
-    def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
-        """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
-        amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
-        clock = self._scene.time
-        conditions = self._conditions[model.name]
-        motion = conditions.driving(time, clock.quasi_static, given or {}, clock.end)
-        return Histories(time, amplitudes, motion, conditions.motion_kinds)
-
-    def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
-        if not name:
-            return np.ones(len(time))
-        if name in self._histories:
-            return self._histories[name]
-        if name in self._bolts:
-            first, last = self._bolts[name]
-            ramp: Array = first + (last - first) * time / self._scene.time.end
-            if name in self._elongation:
-                q = self._elongation[name]
-                ramp = ramp - np.interp(time, np.linspace(0.0, self._scene.time.end, len(q)), q)
-            return ramp
-        return given[name] if name in given else sampled(self._laws[name], time)
-
-    def ground(
-        self, interfaces: Sequence[InterfaceUnit], time: Array, given: Mapping[str, Array] = NO_ELONGATION
-    ) -> dict[int, Array]:
-        """Velocities (n_time, 3) of the ground by interface, m s-1; ``given`` as for ``begin``."""
-        ground = {}
-        for i, unit in enumerate(interfaces):
-            if not unit.against_ground:
-                continue
-            moving = self._scene.joints[unit.name].ground_velocity
-            ground[i] = np.zeros((len(time), 3))
-            if moving is not None:
-                amplitude = given.get(f"ground.{unit.name}", moving.law.sample(time))
-                ground[i] = amplitude[:, None] * np.asarray(moving.vector)
-            if self._scene.time.quasi_static:  # over the step that ends at each instant
-                ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])
-        return ground
 
 
 @dataclass(frozen=True)
@@ -180,6 +96,10 @@ class SolverReadyProblem:
     """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
     reduced: WholeMarch | None = None
     """The whole assembly, which is marched in the place of its bodies; None where these are."""
+    grouped: GroupedMarch | None = None
+    """The assembly that is marched where bonded bodies are one substructure; None where none are."""
+    bonds: str = ""
+    """Why bonds are iterated although nothing is said about them; empty where they are not, or where there are none."""
     modes_tried: bool = False
     """Whether the program has chosen to march it by its modes, as long as the error of that is small."""
 
@@ -194,8 +114,15 @@ class SolverReadyProblem:
         stores = {id(p.members[0].store): p.members[0].store for p in self.assembly.propagators}
         kept = "; ".join(filter(None, (store.remark() for store in stores.values())))
         out = {} if self.reduced is None else {"propagator": self.reduced.in_words}
+        words = self.bonds if self.grouped is None else self.grouped.in_words
+        out |= {"bonds": words} if words else {}
         out |= {} if self.untouched is None else {"left out, never touched": ", ".join(self.untouched.info)}
         return {"time scheme": self.scheme, **start, **out, **({"operators": kept} if kept else {})}
+
+
+About = tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]]
+"""What is said of a problem that is ready: remarks, histories, start, time scheme, landings that it was not chosen
+for."""
 
 
 @dataclass(frozen=True)
@@ -359,41 +286,55 @@ class DiscretisedProblem:
         start : initial state in the place of that of the scene. kept : operators of static problems by
         ``ModelClass.key``, which are used again and added to. processes : among which the substructures are divided.
         """
-        scene, scheme, units = self.scene, self.scheme, self.units
-        layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
+        layout = self.layout if start is None else Layout(self.units)  # ``start`` changes its gaps
         classes = self.classes if start is None else start.displaced(self.classes)
-        classes, *distribution = divided(scene, classes, processes)
-        static = isinstance(scheme, QuasiStatic)
-        impedance = self.impedance.copy()
-        propagators, without_factor = made_propagators(
-            scene, classes, scheme, self.dt, impedance, self.kept if kept is None else None, kept
-        )
-        assembly = Assembly(
-            propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
-        )
+        classes, *distribution = divided(self.scene, classes, processes)
+        assembly, without_factor = self.assembled(classes, self.units, layout, self.impedance.copy(), kept)
         assembly.owner, assembly.part_of = distribution
+        if start is not None:
+            start.hand_over(assembly)
+        timeline = self.timeline_with(TightBolts() if start is None else start.bolts)
+        timeline.begin(assembly, self.time, {}, assembly.ground.start)
+        return ready(self, assembly, self.about(assembly, start, timeline, without_factor))
+
+    def assembled(
+        self,
+        classes: list[ModelClass],
+        units: list[InterfaceUnit],
+        layout: Layout,
+        impedance: Array,
+        kept: Kept | None = None,
+    ) -> tuple[Assembly, list[str]]:
+        """Substructures with their operators, and interfaces, joined; remarks on the choice of propagators."""
+        scene, scheme = self.scene, self.scheme
+        operators = self.kept if kept is None else None
+        propagators, without_factor = made_propagators(scene, classes, scheme, self.dt, impedance, operators, kept)
+        channels, traction = [c.channels for c in classes], self.characteristic_traction
+        assembly = Assembly(propagators, channels, units, layout, impedance, traction, scheme)
         # in shares of the largest traction that loads can bring; below 0: no class rests
         levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
         level = levels[scene.solver.skip_at_rest]
         # 0 and -1 are no tractions
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
-        if start is not None:
-            start.hand_over(assembly)
-        timeline = self.timeline_with(TightBolts() if start is None else start.bolts)
-        timeline.begin(assembly, self.time, {}, assembly.ground.start)
-        # rigid bodies have no material impedance: that of their inertia in a step
+        return assembly, without_factor
+
+    def about(
+        self, assembly: Assembly, start: InitialState | None, timeline: Timeline, without_factor: Sequence[str]
+    ) -> About:
+        """What ``ready`` says of an assembly that has begun; its rigid bodies get their impedances."""
+        static = assembly.quasi_static
+        # they have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         # one line on waves: where the step is far off for all bodies, that says what to change
         known = any(remark.code == "step" for remark in self.remarks)
-        counts = not known and waves_count(scene, self.bodies, self.units, self.time)
+        counts = not known and waves_count(self.scene, self.bodies, self.units, self.time)
         unresolved = resolution_remarks(unresolved_sides(assembly) if counts else [])
         warnings = (*self.remarks, *remarks_of("memory", without_factor), *unresolved)
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         words, against, unforeseen = _checked_scheme(self, None if static else start)
-        warnings += tuple(remarks_of("scheme", against))
-        unforeseen |= rigid_impacts(scene, self.bodies, units)
-        return ready(self, assembly, (warnings, timeline, start, words, unforeseen))
+        unforeseen |= rigid_impacts(self.scene, self.bodies, self.units)
+        return (*warnings, *remarks_of("scheme", against)), timeline, start, words, unforeseen
 
     def output(self, bolts: TightBolts) -> OutputRequest:
         """What the recorder keeps; ``bolts`` as tightened."""
@@ -421,11 +362,11 @@ class DiscretisedProblem:
 def ready(
     problem: DiscretisedProblem,
     assembly: Assembly,
-    about: tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]],
+    about: About,
     reduced: WholeMarch | None = None,
+    grouped: GroupedMarch | None = None,
 ) -> SolverReadyProblem:
-    """The problem with its operators; ``about`` : remarks, histories, start, time scheme, landings that it was not
-    chosen for."""
+    """The problem with its operators."""
     warnings, timeline, start, words, unforeseen = about
     bolts = TightBolts() if start is None else start.bolts
     nodes = {name: body.mesh.nodes for name, body in problem.bodies.items()}
@@ -445,6 +386,7 @@ def ready(
         problem.untouched,
         unforeseen,
         reduced,
+        grouped,
     )
 
 

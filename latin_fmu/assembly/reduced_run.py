@@ -17,14 +17,13 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
+from ..latin.assembly import Array, Assembly, GroundState, Index, Layout
 from ..latin.probes import FacePlace, OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
 from ..propagator import Histories, LoadTerm, SubstructureModel
-from ..propagator.base import Propagator
 from ..propagator.direct import DirectPropagator
-from ..propagator.model import FaceStiffness, Operators, closest_reduced
+from ..propagator.model import FaceStiffness, closest_reduced
 from ..propagator.patches import OF_RESPONSE, partition
 from ..scene.schema import Scene
 from ..scene.settings import ModalPropagatorTable
@@ -32,6 +31,7 @@ from ..time_scheme import MasslessContact
 from .initial_state import InitialState
 from .models import ModelClass
 from .reduced_assembly import MOST_MODES, ReducedAssembly
+from .static_assembly import against_ground
 from .tied_assembly import TiedAssembly, TieError
 
 _SEARCH: Final = 3.3  # factor on the search direction
@@ -44,43 +44,6 @@ FEWEST: Final = 20
 no inertia but that of the modes, and parts that nothing but contacts holds need one."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
-
-
-class _Moves:
-    """Diagonal of the compliance of channels, of which only is known which can move."""
-
-    def __init__(self, trace: sp.csr_array) -> None:
-        self._moves = (np.diff(trace.indptr) > 0).astype(float)
-
-    def diagonal(self) -> Array:
-        """1 where a channel can move, else 0."""
-        return self._moves
-
-
-class BodyMotions(Propagator):
-    """Motions of a class of bodies that are not marched themselves: what results are read from."""
-
-    def _build(self, dt: float) -> Operators:  # noqa: ARG002, the same for all steps
-        model = self.members[0]
-        if model.mass is None:
-            n, stiffness = model.expansion.shape[1], model.reduced_stiffness
-            mass, damping, massless = sp.csr_array((n, n)), None, np.zeros(0, dtype=np.int64)
-        else:
-            (mass, damping, stiffness), massless = model.reduced, model.massless
-        dofs, trace, _ = model.at_interface
-        factor: Any = None
-        same = mass, damping, stiffness, factor, dofs, trace, model.spread, model.channel_area
-        return Operators(*same, _Moves(trace), massless)
-
-    def internal_forces(self) -> tuple[Array, Array]:
-        """K u and C v of the free dofs, (n_dof, n_member), N."""
-        _, damping, stiffness = self.members[0].reduced
-        viscous = np.zeros_like(self.state.v) if damping is None else damping @ self.state.v
-        return stiffness @ self.state.u, viscous
-
-    def mass_factor(self) -> Any:
-        """Refused: they are not marched."""
-        raise TypeError("motions of bodies that are not marched have no factor")
 
 
 @dataclass(frozen=True)
@@ -229,11 +192,11 @@ def reduced_march(
     drives = drives_of(tied, modes, bodies)
     reduced = modes.with_forces(drives.forces)
     relative = tied.joints.relative
-    against_ground = [_against_ground(units[i]) for i in relative]
-    layout = Layout(against_ground)
+    alone = [against_ground(units[i]) for i in relative]
+    layout = Layout(alone)
     channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
     places = [np.zeros((0, 3))]
-    for j, unit in enumerate(against_ground):
+    for j, unit in enumerate(alone):
         places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
     model = _model(reduced, _start(tied, reduced, drives), layout, channels, np.concatenate(places))
     propagator = DirectPropagator([model], MasslessContact(), dt, True)
@@ -241,7 +204,7 @@ def reduced_march(
     assembly = Assembly(
         [propagator],
         [channels[:, None]],
-        against_ground,
+        alone,
         layout,
         _impedance(propagator, channels, layout.n_flat),
         bodies.characteristic_traction,
@@ -306,13 +269,6 @@ def cutoff_of(scene: Scene, dt: float) -> float:
 def _ground_velocity(bodies: Assembly, i: int) -> Array:
     """Velocity (n_time, 3) of what side E moves relative to."""
     return bodies.ground.velocity.get(i, np.zeros((len(bodies.time), 3)))
-
-
-def _against_ground(unit: InterfaceUnit) -> InterfaceUnit:
-    """The interface with the motion of side E relative to E' in the place of that of E, and ground for E'."""
-    n = 3 * unit.geometry.n_point
-    geometry = replace(unit.geometry, traces=(sp.csr_array(sp.eye_array(n)), None), owner=0)
-    return replace(unit, sides=(unit.sides[0], "ground"), geometry=geometry)
 
 
 def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:

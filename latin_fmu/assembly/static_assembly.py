@@ -94,7 +94,7 @@ class StaticAssembly:
             free = made.free
         stiffness = sp.csr_array(stiffness)
         stiffness.sort_indices()
-        against = [_against_ground(units[i]) for i in relative]
+        against = [against_ground(units[i]) for i in relative]
         own = Layout(against)
         jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in relative)]
         jump = sp.csr_array(sp.vstack(jumps))
@@ -108,7 +108,7 @@ class StaticAssembly:
             expansion=expansion,
             trace=jump,
             channel_area=areas,
-            loads=_loads(models, where, n_full),
+            loads=joined_loads(models, where, n_full),
             # set by ``static_run``, which knows which dofs are left
             displacement=np.zeros(n_full),
             velocity=np.zeros(n_full),
@@ -118,7 +118,7 @@ class StaticAssembly:
             store=models[0].store,
         )
         model.__dict__["reduced_stiffness"] = stiffness
-        _order(model, models, bodies)
+        ordered(model, models, bodies)
         springs = point_springs(units, layout, bodies)[channels]
         return StaticAssembly(
             models, where, model, free, trace, bonded, relative, against, own, springs, _key(classes, units)
@@ -136,14 +136,14 @@ class StaticAssembly:
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 
 
-def _against_ground(unit: InterfaceUnit) -> InterfaceUnit:
+def against_ground(unit: InterfaceUnit) -> InterfaceUnit:
     """The interface with the motion of side E relative to E' in the place of that of E, and ground for E'."""
     n = 3 * unit.geometry.n_point
     geometry = replace(unit.geometry, traces=(sp.csr_array(sp.eye_array(n)), None), owner=0)
     return replace(unit, sides=(unit.sides[0], "ground"), geometry=geometry)
 
 
-def _loads(models: Sequence[SubstructureModel], where: Mapping[str, slice], n_full: int) -> list[LoadTerm]:
+def joined_loads(models: Sequence[SubstructureModel], where: Mapping[str, slice], n_full: int) -> list[LoadTerm]:
     """Loads of all bodies, those of one law together."""
     patterns: dict[str, Array] = {}
     for model in models:
@@ -152,7 +152,7 @@ def _loads(models: Sequence[SubstructureModel], where: Mapping[str, slice], n_fu
     return [LoadTerm(name, pattern) for name, pattern in patterns.items()]
 
 
-def _order(model: SubstructureModel, models: Sequence[SubstructureModel], bodies: Mapping[str, Body]) -> None:
+def ordered(model: SubstructureModel, models: Sequence[SubstructureModel], bodies: Mapping[str, Body]) -> None:
     """Give a model its interface dofs and the elimination order of its dofs, by nested dissection of their places."""
     trace = sp.csc_array(model.reduced_trace)
     dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..latin.assembly import Array, Assembly, Index, Layout
+from ..latin.assembly import Array, Assembly, Index
 from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
@@ -17,10 +17,11 @@ from ..propagator.model import SubstructureModel
 from ..remarks import remarks_of
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic
-from .initial_state import InitialState, TightBolts
+from .body_motions import standing_bodies
+from .initial_state import InitialState
 from .problem import DiscretisedProblem, SolverReadyProblem, ready
 from .recovered_fields import RecoveredRecorder
-from .reduced_run import BodyMotions, MotionPlace
+from .reduced_run import MotionPlace
 from .static_assembly import NAME, StaticAssembly
 from .static_run import StaticMarch, static_assembly, static_march
 
@@ -83,15 +84,7 @@ def static_problem_at_once(discretised: DiscretisedProblem, start: InitialState 
     TieError : bonds that cannot be eliminated. SolverError : bodies that nothing holds.
     """
     march = static_march(discretised, start, static_assembly(discretised))
-    units, layout = discretised.units, Layout(discretised.units)
-    classes = discretised.classes if start is None else start.displaced(discretised.classes)
-    propagators = [BodyMotions(c.members, QuasiStatic(), discretised.dt, False) for c in classes]
-    given = units, layout, discretised.impedance.copy(), discretised.characteristic_traction, QuasiStatic()
-    assembly = Assembly(propagators, [c.channels for c in classes], *given)
-    if start is not None:
-        start.hand_over(assembly)
-    timeline = discretised.timeline_with(TightBolts() if start is None else start.bolts)
-    timeline.begin(assembly, discretised.time, {}, assembly.ground.start)
+    _, assembly, timeline = standing_bodies(discretised, start, QuasiStatic())
     warnings = (*discretised.remarks, *(() if start is None else remarks_of("start", start.remarks)))
     about = warnings, timeline, start, discretised.scheme_in_words, dict[str, str]()
     return ready(discretised, assembly, about, StaticRun(march, assembly, start))

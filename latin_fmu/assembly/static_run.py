@@ -13,13 +13,14 @@ from ..latin.assembly import Array, Assembly, GroundState
 from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
-from ..propagator import Histories, StaticPropagator
+from ..propagator import StaticPropagator
 from ..propagator.model import closest_reduced
 from ..time_scheme import QuasiStatic
+from .body_motions import joined_histories
 from .bond_forces import BondForces
 from .initial_state import InitialState, TightBolts
 from .models import Kept
-from .problem import DiscretisedProblem, Timeline, settings_of
+from .problem import DiscretisedProblem, settings_of
 from .static_assembly import StaticAssembly
 
 
@@ -125,26 +126,13 @@ def static_march(
     if start is not None:
         start.hand_over(assembly)
     timeline = problem.timeline_with(TightBolts() if start is None else start.bolts)
-    one.begin([_histories(problem, whole, timeline)], problem.dt)
+    one.begin([joined_histories(problem, timeline, whole.models, whole.model)], problem.dt)
     _displace(whole, one, {} if start is None else start.displacement)
     ground = timeline.ground(problem.units, problem.time)
     velocity = {j: ground.get(i, np.zeros((len(problem.time), 3))) for j, i in enumerate(whole.relative)}
     still = {j: GroundState(np.zeros(3), None) for j in range(len(whole.relative))}
     assembly.begin(problem.time, problem.dt, velocity, still)
     return StaticMarch(problem, whole, assembly)
-
-
-def _histories(problem: DiscretisedProblem, whole: StaticAssembly, timeline: Timeline) -> Histories:
-    """What drives all bodies."""
-    own = [timeline.histories(member, problem.time) for member in whole.models]
-    named = {
-        load.name: amplitude
-        for member, histories in zip(whole.models, own, strict=True)
-        for load, amplitude in zip(member.loads, histories.amplitudes, strict=True)
-    }
-    imposed = np.concatenate([np.zeros((len(problem.time), 0)), *(h.imposed for h in own)], axis=1)
-    kinds = tuple(kind for h in own for kind in h.motion_kinds)
-    return Histories(problem.time, [named[load.name] for load in whole.model.loads], imposed, kinds)
 
 
 def _displace(whole: StaticAssembly, one: StaticPropagator, start: Mapping[str, Array]) -> None:

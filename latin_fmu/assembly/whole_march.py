@@ -1,11 +1,12 @@
-"""What a run needs of an assembly that is marched as one substructure."""
+"""What a run needs of an assembly that is marched as other substructures than its bodies."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..latin.assembly import Assembly
-from ..latin.recorder import Recorder
+from ..latin.probes import OutputRequest
+from ..latin.recorder import Recorder, SubstructureInfo
 from ..latin.settings import SolverSettings
 
 
@@ -30,3 +31,19 @@ class WholeMarch(Protocol):
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march."""
+
+
+class GroupedMarch(Protocol):
+    """An assembly in which bonded bodies are one substructure (``bonded_run``)."""
+
+    @property
+    def assembly(self) -> Assembly:
+        """Of the groups, and of the bodies that are in none."""
+
+    @property
+    def in_words(self) -> str:
+        """What is marched as one."""
+
+    def recorder(self, request: OutputRequest, info: dict[str, SubstructureInfo], thinned: int, *file: Any) -> Recorder:
+        """That of the bodies and all interfaces, which is fed by the march of the groups; parameters as for
+        ``Recorder``."""

@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
+from ..assembly.bond_groups import GroupedAssembly
 from ..assembly.copies import MOST
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, settings_of
@@ -146,21 +147,25 @@ class RunSize:
         return replace(self, classes=tuple(map(changed, self.classes)))
 
 
-def run_size(discretised: DiscretisedProblem) -> RunSize:
-    """Sizes of the run of a discretised problem."""
-    scene, units = discretised.scene, discretised.units
+def run_size(discretised: DiscretisedProblem, grouped: GroupedAssembly | None = None) -> RunSize:
+    """Sizes of the run of a discretised problem, ``grouped`` where bonded bodies are one substructure."""
+    scene, marched = discretised.scene, of_groups(discretised, grouped)
+    units, layout = marched.units, marched.layout
     share, output, effort = _marched(discretised), scene.output, _effort(discretised)
+    bodies = {m.name: [m.name] for c in marched.classes for m in c.members}
+    bodies |= {} if grouped is None else {g.model.name: list(g.where) for g in grouped.groups}
     classes, interfaces = [], interfaces_of(scene)
-    sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
-    for c, size in zip(discretised.classes, sizes, strict=True):
-        body = discretised.bodies[c.members[0].name]
+    sizes = iterated(marched, [class_size(c.members[0], len(c.members), interfaces) for c in marched.classes])
+    for c, size in zip(marched.classes, sizes, strict=True):
+        own = [discretised.bodies[name] for name in bodies[c.members[0].name]]
+        counts = sum(body.mesh.n_node for body in own), sum(body.mesh.n_cell for body in own)
         # members of a class may start to move at different instants: the mean counts
-        marched = float(np.mean([share[m.name] for m in c.members]))
-        classes.append(RunClass(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
+        moving = float(np.mean([max(share[name] for name in bodies[m.name]) for m in c.members]))
+        classes.append(RunClass(size, *counts, own[0].rigid, moving))
     return RunSize(
         classes=tuple(classes),
-        propagator=chosen_propagators(scene, discretised.classes)[0],
-        n_flat=discretised.layout.n_flat,
+        propagator=chosen_propagators(scene, marched.classes)[0],
+        n_flat=layout.n_flat,
         n_instant=scene.time.n_step,
         window=scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window),
         sequential=scene.solver.window != 1 and scene.solver.start == "sequential",
@@ -175,6 +180,13 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
         unbalanced=_unbalanced(scene),
         increments=_increments(discretised),
     )
+
+
+def of_groups(discretised: DiscretisedProblem, grouped: GroupedAssembly | None) -> DiscretisedProblem:
+    """The problem with the substructures and interfaces of the march, for their sizes alone."""
+    if grouped is None:
+        return discretised
+    return replace(discretised, classes=grouped.classes, units=grouped.units, layout=grouped.layout)
 
 
 def solved_at_once(scene: Scene, units: Sequence[InterfaceUnit]) -> bool:
@@ -358,12 +370,15 @@ def seconds(counts: Array) -> float:
 class Prediction:
     """Predicted cost of a discretised problem: CPU seconds of its operators and of its march, memory in bytes.
 
-    preparation : CPU seconds that meshes, matrices and interfaces took.
+    preparation : CPU seconds that meshes, matrices and interfaces took. grouped : the substructures of the march where
+    bonded bodies are one.
     """
 
-    def __init__(self, discretised: DiscretisedProblem, preparation: float = 0.0) -> None:
-        self.discretised, self.scene, self.preparation = discretised, discretised.scene, preparation
-        self.run = run_size(discretised)
+    def __init__(
+        self, discretised: DiscretisedProblem, preparation: float = 0.0, grouped: GroupedAssembly | None = None
+    ) -> None:
+        self.discretised, self.scene, self.preparation = of_groups(discretised, grouped), discretised.scene, preparation
+        self.run = run_size(discretised, grouped)
 
     @cached_property
     def tables(self) -> Tables | None:

@@ -89,7 +89,7 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     state_energies(pools, c, u, v, mass_v, now[:wide], image)
     if row.n_branch > 0:
         # what an EXPLICIT class keeps is K u itself
-        open_branches(pools, c, instant, image if row.kind == EXPLICIT else now[:wide])
+        open_branches(pools, c, instant, image if row.kind == EXPLICIT else now[:wide], image)
     if row.kind == EXPLICIT and row.loads_only == 0:
         _open_explicit(pools, c, u, v)
         _write(pools, c, instant)
@@ -173,7 +173,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
         totals[ELASTIC] += relaxed_energy(pools, c)
     if row.n_branch > 0:
         # u and v, which stand in the first half of the scratch, have been read
-        account_branches(pools, c, instant, new[:wide], then[:wide], scratch[: 2 * wide])
+        account_branches(pools, c, instant, step, new[:wide], then[:wide], scratch[: 2 * wide])
     if row.kind != STATIC and row.n_motion > 0:
         _account_moved_inertia(pools, c, instant, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new

@@ -11,7 +11,7 @@ from ..compiled import kernel
 from .face import add_face_forces
 from .matrices import LOADS, add_spread, add_sum
 from .records import STATIC
-from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
+from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, UNRELAXED, add_product
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,9 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     elif which == LANDING:
         starts_at, columns_at = row.border_landing_starts, row.border_landing_columns
         values_at = row.border_landing_values
+    elif which == UNRELAXED:
+        starts_at, columns_at = row.border_unrelaxed_starts, row.border_unrelaxed_columns
+        values_at = row.border_unrelaxed_values
     starts = pools.fixed_int[starts_at : starts_at + count + 1]
     columns = pools.fixed_col[columns_at : columns_at + starts[count]]
     add_border(row.n, count, starts, columns, pools.fixed[values_at : values_at + starts[count]], row.m, x, out)
@@ -81,8 +84,8 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
 
 @kernel
 def whole_product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
-    """out = M, K, C or a part of C times x on dofs and motions (n + n_motion, m); with the stiffness of a
-    face K u, its branches included, and C v_w are those of the last instant alone."""
+    """out = M, K, C or a part of these times x on dofs and motions (n + n_motion, m); with the stiffness of a face K u,
+    its branches included, and C v_w are those of the last instant alone."""
     row = pools.classes[c]
     size = row.n * row.m
     out[:] = 0.0

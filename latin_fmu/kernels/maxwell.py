@@ -5,7 +5,8 @@ The internal forces of an instant are K y of the displacements
     y = u + sum_j g_j e_j,      e_new = c_e e + c_u (u_new - u),
 
 so that one product with K serves the body and its branches. K e_j follows the same recursion as e_j: the account takes
-no product for it but that with K u, which it needs anyway.
+no product for it but that with K u, which it needs anyway. Where a part K_0 of K has no branches, as some bodies of a
+class of several have none (``UNRELAXED``), K_0 sum_j g_j e_j is taken off again, and K_0 (u_new - u) in the account.
 
 In the middle of an EXPLICIT step y is u_mid + sum_j g_j e_mid, with the weights of half a step. The work on branch j is
 
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .energy_parts import DAMPED, ELASTIC, N_TERM, OF_SCHEME, WORK_OF_LOADS, add_dot, copied, whole_product
 from .records import EXPLICIT, HALF_RATIO, OF_ELONGATION, OF_MOTION, STRENGTH
-from .splits import STIFFNESS
+from .splits import STIFFNESS, UNRELAXED, add_product
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,18 @@ def add_strains(pools: Any, c: int, new: float, old: float, out: Array) -> None:
             out[i] += factor * elongation[i]
     for i in range(size):
         out[i] += of_motion * (u_free[i] - u[i])
+
+
+@kernel
+def subtract_strained(pools: Any, c: int, new: float, old: float, moved: Array, load: Array) -> None:
+    """Subtract K y from a load (n m,); ``moved`` : the displacements without the branches, which are overwritten; the
+    others as for ``add_strains``."""
+    add_strains(pools, c, new, old, moved)
+    add_product(pools, c, STIFFNESS, -1.0, moved, load)
+    if pools.classes[c].unrelaxed_rows > 0:
+        moved[:] = 0.0
+        add_strains(pools, c, new, old, moved)
+        add_product(pools, c, UNRELAXED, 1.0, moved, load)
 
 
 @kernel
@@ -103,8 +116,9 @@ def whole_elongation(pools: Any, c: int, j: int, instant: int, out: Array) -> No
 
 
 @kernel
-def open_branches(pools: Any, c: int, instant: int, force: Array) -> None:
-    """Begin the account of the branches: elongations, K times these, energies; ``force`` K u becomes K y."""
+def open_branches(pools: Any, c: int, instant: int, force: Array, scratch: Array) -> None:
+    """Begin the account of the branches: elongations, K times these, energies; ``force`` K u becomes K y; ``scratch``
+    (n + n_motion, m)."""
     row, moving = pools.classes[c], pools.moving
     m, wide = row.m, (row.n + row.n_motion) * row.m
     elastic = moving[row.totals + ELASTIC * m : row.totals + (ELASTIC + 1) * m]
@@ -112,6 +126,10 @@ def open_branches(pools: Any, c: int, instant: int, force: Array) -> None:
         elongation, strained = fields_of(pools, c, j, wide)
         whole_elongation(pools, c, j, instant, elongation)
         whole_product(pools, c, STIFFNESS, elongation, strained)
+        if row.unrelaxed_rows > 0:
+            whole_product(pools, c, UNRELAXED, elongation, scratch)
+            for i in range(wide):
+                strained[i] -= scratch[i]
         strength = weight(pools, c, STRENGTH, j)
         add_dot(m, 0.5 * strength, elongation, strained, elastic)
         for i in range(wide):
@@ -128,9 +146,9 @@ def fields_of(pools: Any, c: int, j: int, wide: int) -> tuple[Array, Array]:
 
 
 @kernel
-def account_branches(pools: Any, c: int, instant: int, force: Array, old: Array, scratch: Array) -> None:
-    """Energies of the branches over a step of a DIRECT class; ``force`` K u becomes K y, ``old`` is K y of the instant
-    before; ``scratch`` (2, n + n_motion, m)."""
+def account_branches(pools: Any, c: int, instant: int, step: Array, force: Array, old: Array, scratch: Array) -> None:
+    """Energies of the branches over a ``step`` u_new - u of a DIRECT class; ``force`` K u becomes K y, ``old`` is K y
+    of the instant before; ``scratch`` (2, n + n_motion, m)."""
     row, moving = pools.classes[c], pools.moving
     m, wide = row.m, (row.n + row.n_motion) * row.m
     totals = moving[row.totals : row.totals + N_TERM * m]
@@ -142,6 +160,10 @@ def account_branches(pools: Any, c: int, instant: int, force: Array, old: Array,
         strength, strained = weight(pools, c, STRENGTH, j), fields_of(pools, c, j, wide)[1]
         for i in range(wide):
             change[i] += strength * strained[i]
+    if row.unrelaxed_rows > 0:
+        whole_product(pools, c, UNRELAXED, step, new)
+        for i in range(wide):
+            change[i] -= new[i]
     for j in range(row.n_branch):
         strength, kept, moved = (
             weight(pools, c, STRENGTH, j),

@@ -40,7 +40,7 @@ from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING = range(5)
+MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, UNRELAXED = range(6)
 """Matrices of ``add_product``."""
 FORWARD, BACKWARD, VECTORS, PRODUCT, DENSE = range(100, 105)
 """Actions of ``leaf``."""
@@ -266,6 +266,16 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
             row.landing_together,
             row.landing_parts,
         )
+    if which == UNRELAXED:
+        return (
+            row.unrelaxed_rows,
+            row.unrelaxed_starts,
+            row.unrelaxed_columns,
+            row.unrelaxed_values,
+            row.unrelaxed_diagonal,
+            row.unrelaxed_together,
+            row.unrelaxed_parts,
+        )
     return (
         row.mass_rows,
         row.mass_starts,
@@ -328,7 +338,7 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
 
 @kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...), without the stiffness of a face (``face``);
+    """out += factor A x for A = M, K, C or a part of these (``MASS`` ...), without the stiffness of a face (``face``);
     nothing where the class has none."""
     row, work = pools.classes[c], pools.moving
     if which == DAMPING:

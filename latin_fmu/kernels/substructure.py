@@ -38,7 +38,7 @@ from .callouts import BACKWARD, FORWARD, call_out
 from .face import count_from_start, keep_face_forces, keep_load, subtract_face
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
-from .maxwell import add_strains, leave_instant, reach_instant
+from .maxwell import leave_instant, reach_instant, subtract_strained
 from .patched import memory_for, patched_product
 from .products import packed_product, symmetric_size, tile_width
 from .records import STATIC
@@ -121,8 +121,9 @@ def free_load(pools: Any, c: int, instant: int) -> None:
             load[i] = weight * load[i] - residual[i]
             mean[i] = weight * u_free[i] + old * u[i]
         if row.n_branch > 0:
-            add_strains(pools, c, weight, old, mean)
-        add_product(pools, c, STIFFNESS, -1.0, mean, load)
+            subtract_strained(pools, c, weight, old, mean, load)
+        else:
+            add_product(pools, c, STIFFNESS, -1.0, mean, load)
         if row.damping_rows > 0:
             for i in range(size):
                 mean[i] = weight * v_free[i] + old * v[i]
@@ -132,8 +133,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
             strained = work[row.mass_a : row.mass_a + size]
             for i in range(size):
                 strained[i] = u_free[i]
-            add_strains(pools, c, 1.0, 0.0, strained)
-            add_product(pools, c, STIFFNESS, -1.0, strained, load)
+            subtract_strained(pools, c, 1.0, 0.0, strained, load)
         else:
             add_product(pools, c, STIFFNESS, -1.0, u_free, load)
         add_product(pools, c, DAMPING, -1.0, v_free, load)

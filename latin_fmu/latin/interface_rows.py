@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import BinaryIO
 
 import numpy as np
@@ -72,23 +72,34 @@ class InterfaceRows:
     def keep(self, image: Image, probes: Probes | None, first: int, n: int, row: int, at: int | None = None) -> int:
         """Keep those of the n instants from ``first`` on that are to be kept, from the rows of the image's output from
         ``row`` on, in the rows of the table from ``at`` on (None: their own); how many."""
-        skipped, count = -first % self.every, self.row(first + n) - self.row(first)
-        start = self.row(first) if at is None else at
-        rows, into = slice(row + skipped, row + n, self.every), slice(start, start + count)
-        self.f_hat[into] = image.field("history_f", image.rows, image.n_flat)[rows]
-        self.w_hat[into] = image.field("history_w", image.rows, image.n_flat)[rows]
-        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
-        # the image keeps a place for every point, also of groups that do not open
-        place = 0
-        for g, group in enumerate(self._assembly.layout.groups):
-            if g in self.gaps:
-                self.gaps[g][into] = gaps[:, place : place + group.n_point]
-            place += group.n_point
+        into = self.put(_fields(image, slice(row, row + n)), first, at)
+        skipped, count = -first % self.every, int(into.stop - into.start)
+        rows = slice(row + skipped, row + n, self.every)
         if probes is not None and self.slide:
             probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(image.propagators))]
             instants = slice(first + skipped, first + n, self.every)
             probes.slide.read(self._assembly, instants, into, probed, self.slide)
         return count
+
+    def put(self, fields: tuple[Array, Array, Array], first: int, at: int | None = None) -> slice:
+        """Keep those of the n instants from ``first`` on that are to be kept, of tractions and velocities (n, n_flat)
+        and gaps (n, n_point) of all groups; the rows of the table, from ``at`` on (None: their own)."""
+        n, picked = len(fields[0]), slice(-first % self.every, None, self.every)
+        start = self.row(first) if at is None else at
+        into = slice(start, start + self.row(first + n) - self.row(first))
+        self.f_hat[into], self.w_hat[into], gaps = (values[picked] for values in fields)
+        # there is a place for every point, also of groups that do not open
+        place = 0
+        for g, group in enumerate(self._assembly.layout.groups):
+            if g in self.gaps:
+                self.gaps[g][into] = gaps[:, place : place + group.n_point]
+            place += group.n_point
+        return into
+
+    def put_slides(self, slides: Mapping[int, Array], first: int, into: slice) -> None:
+        """Keep the ``slide`` (n, 2, n_point, 3) of the instants of ``put``, which has returned ``into``."""
+        for i, values in slides.items():
+            self.slide[i][into] = values[-first % self.every :: self.every]
 
     def histories(self, n: int, peak_duration: float | None) -> dict[str, InterfaceHistory]:
         """Histories in global axes of the first n rows; ``peak_duration`` as in the request of output."""
@@ -115,6 +126,12 @@ class InterfaceRows:
         return self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(interface)
 
 
+def _fields(image: Image, rows: slice) -> tuple[Array, Array, Array]:
+    """Tractions, velocities and gaps of all interfaces in rows of the output of an image."""
+    f_hat, w_hat = (image.field(f"history_{name}", image.rows, image.n_flat)[rows] for name in ("f", "w"))
+    return f_hat, w_hat, image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+
+
 class InterfaceStream:
     """Rows of the interfaces in a file, where they are too many for the memory.
 
@@ -131,11 +148,22 @@ class InterfaceStream:
 
     def keep(self, image: Image, probes: Probes | None, first: int, n: int, row: int) -> None:
         """Keep instants as ``InterfaceRows.keep`` does."""
+        rows = self._room(image.rows)
+        self.append(rows.table[: rows.keep(image, probes, first, n, row, at=0)])
+
+    def put(self, fields: tuple[Array, Array, Array], slides: Mapping[int, Array], first: int) -> None:
+        """Keep instants as ``InterfaceRows.put`` does, with the ``slides`` (n, 2, n_point, 3)."""
+        rows = self._room(len(fields[0]))
+        into = rows.put(fields, first, at=0)
+        rows.put_slides(slides, first, into)
+        self.append(rows.table[into])
+
+    def _room(self, n: int) -> InterfaceRows:
+        """Rows for so many instants."""
         # views of the table are made anew where it grows
-        if len(self._next.table) < image.rows:
-            self._next = InterfaceRows(self._assembly, np.zeros((image.rows, self._width)), self.every)
-        count = self._next.keep(image, probes, first, n, row, at=0)
-        self.append(self._next.table[:count])
+        if len(self._next.table) < n:
+            self._next = InterfaceRows(self._assembly, np.zeros((n, self._width)), self.every)
+        return self._next
 
     def append(self, rows: Array) -> None:
         """Put rows (n, width) behind those that are there."""

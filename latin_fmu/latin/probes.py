@@ -296,22 +296,25 @@ class Probes:
         self.rows: list[sp.csr_array | None] = []
         self._nodes: list[int] = []
         for c, propagator in enumerate(assembly.propagators):
-            model, at = propagator.members[0], 0
+            model, at, parts = propagator.members[0], 0, dict[int, slice]()
             blocks = []
             for key in SERIES:
                 for name, place in request.places(key).items():
                     if place.substructure not in propagator.names:
                         continue
                     full = place.full_rows(model, assembly.scheme.explicit)
+                    number, member = id(full), propagator.names.index(place.substructure)
                     # models with shapes have other full dofs than the nodes
                     full = full if model.nodal is None else full @ model.nodal
                     own = sp.csr_array(sp.csr_array(full) @ model.expansion)
-                    member, part = propagator.names.index(place.substructure), slice(at, at + own.shape[0])
-                    self.places[key][name] = ProbePlace(c, member, part, np.asarray(full @ model.imposed_pattern))
+                    if number not in parts:  # members may have the same rows
+                        parts[number] = slice(at, at + own.shape[0])
+                        blocks.append(own)
+                        at += own.shape[0]
+                    shapes = np.asarray(full @ model.imposed_pattern)
+                    self.places[key][name] = ProbePlace(c, member, parts[number], shapes)
                     if key == "motion" and own[:, propagator.operators.massless].nnz:
                         self.massless.add(name)
-                    blocks.append(own)
-                    at = part.stop
             blocks += [nodes_of(model)] if whole else []
             self._nodes.append(blocks[-1].shape[0] if whole else 0)
             self.rows.append(_stacked(blocks))
@@ -330,19 +333,23 @@ class Probes:
         self, assembly: Assembly, image: Image, instants: slice, rows: slice, series: Mapping[str, Mapping[str, Array]]
     ) -> None:
         """Write the ``series`` of all places at these instants, ``rows`` of the output of the image."""
-        sensed = [self._sensed(image, c, rows) for c in range(len(self.rows))]
         tractions = image.field("history_f", image.rows, image.n_flat)[rows]
         for key, places in self.places.items():
             for name, place in places.items():
-                kept = sensed[place.number]
-                assert kept is not None
-                values = kept[:, :, place.part, place.member]
-                imposed = assembly.propagators[place.number].forcing.motion_histories(place.member)
-                if imposed is not None:
-                    moved = [by_instants(motion[instants], place.shapes.T) for motion in imposed]
-                    values = values + np.stack(moved, axis=1)
+                values = self.values(image, place, rows, instants)
                 of = Reading(assembly, place.number, place.member, instants, tractions)
                 series[key][name][instants] = self._request.places(key)[name].read(values, of)
+
+    def values(self, image: Image, place: ProbePlace, rows: slice, instants: slice) -> Array:
+        """Displacements, velocities, accelerations and, with Maxwell branches, strains (n, n_sensed, k) of a place at
+        these instants, ``rows`` of the output of the image."""
+        kept = self._sensed(image, place.number, rows)
+        assert kept is not None
+        values = kept[:, :, place.part, place.member]
+        imposed = self._propagators[place.number].forcing.motion_histories(place.member)
+        if imposed is None:
+            return values
+        return values + np.stack([by_instants(motion[instants], place.shapes.T) for motion in imposed], axis=1)
 
     def fields(self, image: Image, c: int, member: int, kind: int, rows: slice, instants: Sequence[int]) -> Array:
         """Displacements (``kind`` 0, m) or velocities (1, m s-1) of all nodes of a member, (n, n_node, 3), in ``rows``

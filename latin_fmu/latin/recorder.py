@@ -6,8 +6,9 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
@@ -58,20 +59,12 @@ class StoredFields:
         """Whether any are stored."""
         return self._request.fields or self._request.stress
 
-    def keep(self, assembly: Assembly, image: Image, whole: Probes | None, now: slice, row: int) -> None:
-        """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
-        output from ``row`` on by the probes of all nodes, else of the present state, that of the last of them."""
-        instants, rows = _read(whole, now, row, self._request.every)
-        if not instants:
-            return
-        self.times += assembly.time[instants].tolist()
-        for c, propagator in enumerate(assembly.propagators):
-            for member, name in enumerate(propagator.names):
-                if whole is None:
-                    motion: list[Any] = [[full_displacement(propagator, member)], [full_velocity(propagator, member)]]
-                else:
-                    motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
-                self.add(name, motion[0], motion[1])
+    def keep(self, _instants: range, times: Array, moved: Callable[[str, int], Any]) -> None:
+        """Keep the requested fields at further instants of these ``times``, s; ``moved`` : displacements (0) or
+        velocities (1) of a body at them, (n, n_node, 3)."""
+        self.times += times.tolist()
+        for name in self.fields:
+            self.add(name, moved(name, 0), moved(name, 1))
 
     def add(self, name: str, displacement: Iterable[Array], velocity: Iterable[Array]) -> None:
         """Keep what is requested of the motion of a body at further instants, (n_node, 3) each."""
@@ -148,28 +141,13 @@ class LargestStresses:
         self.tables = {name: np.zeros((n_time, 3)) for name in self._info}
         self.every = -(-n_time // _WATCHED)
 
-    def keep(
-        self,
-        assembly: Assembly,
-        places: Mapping[str, tuple[int, int]],
-        image: Image,
-        at: tuple[Probes | None, int],
-        now: slice,
-    ) -> None:
-        """Look at those of the instants ``now`` whose fields can be read; ``places`` : class and member of the bodies,
-        ``at`` : probes of all nodes, and first row of the image's output."""
-        whole, row = at
-        instants, rows = _read(whole, now, row, self.every)
-        for name, info in self._info.items() if instants else ():
+    def keep(self, names: Collection[str], instants: range, times: Array, moved: Callable[[str, int], Any]) -> None:
+        """Look at instants of these ``times``, s, of those of the bodies ``names`` that have a table; ``moved`` as for
+        ``StoredFields.keep``."""
+        for name, info in self._info.items():
             # not in the run, or in another process
-            if info.stress is None or info.yield_stress is None or name not in places:
-                continue
-            c, member = places[name]
-            if whole is None:
-                moved: Any = [full_displacement(assembly.propagators[c], member)]
-            else:
-                moved = whole.fields(image, c, member, 0, rows, instants)
-            self.look_at(name, moved, instants, assembly.time[instants])
+            if info.stress is not None and info.yield_stress is not None and name in names:
+                self.look_at(name, moved(name, 0), instants, times)
 
     def look_at(self, name: str, moved: Iterable[Array], instants: Sequence[int] | Index, times: Array) -> None:
         """Look at a body with displacements (n_node, 3) at instants, of these times, s."""
@@ -217,7 +195,7 @@ class Recorder:
         table = np.zeros((len(range(0, n_time, every)), InterfaceRows.width_of(assembly)))
         self.rows = InterfaceRows(assembly, table, every)
         self.stream = None if file is None else InterfaceStream(assembly, file, thinned, request.peak_duration)
-        self._places = _places(assembly)
+        self._places = places_in(assembly)
         self._stored = StoredFields(request, substructures, list(self._places))
         self._series: dict[str, dict[Any, Array]] = {**request.series(n_time), "energy": {}}
         if request.energy:
@@ -239,8 +217,7 @@ class Recorder:
     def probes(self, assembly: Assembly, fields: bool) -> Probes | None:
         """What an image keeps of the substructures for this recorder beside their energies, None where that is nothing;
         ``fields`` : those that are stored, too, where the substructures are small."""
-        whole = fields and self._stored.wanted
-        whole = whole and sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators) <= _SMALL
+        whole = fields and self._stored.wanted and small(assembly)
         if not (whole or self.rows.slide or any(self._series[key] for key in SERIES)):
             return None
         return Probes(assembly, self.sliding, self.request, whole)
@@ -248,11 +225,7 @@ class Recorder:
     def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
-        self.rows.keep(image, probes, self.n_kept, n, row)
-        if self.stream is not None:
-            self.stream.keep(image, probes, self.n_kept, n, row)
-        if probes is not None:
-            probes.read(assembly, image, now, rows, self._series)
+        self._keep_rows(assembly, image, probes, now, rows)
         self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
         for key, kept in self._series["energy"].items():
             drift = key == "drift"
@@ -260,9 +233,31 @@ class Recorder:
             own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
             kept[now] = own[rows]
         self.n_kept += n
+
+        def look(every: int, keep: Callable[..., None]) -> None:
+            instants, picked = _read(self._whole, now, row, every)
+            if instants:
+                moved = partial(self._moved, (assembly, image), picked, instants)
+                keep(instants, assembly.time[instants], moved)
+
         if self._stored.wanted:
-            self._stored.keep(assembly, image, self._whole, now, row)
-        self.stresses.keep(assembly, self._places, image, (self._whole, row), now)
+            look(self.request.every, self._stored.keep)
+        if self.stresses.tables:
+            look(self.stresses.every, partial(self.stresses.keep, self._places))
+
+    def _keep_rows(self, assembly: Assembly, image: Image, probes: Probes | None, now: slice, rows: slice) -> None:
+        """Keep interfaces and series at the instants ``now``, ``rows`` of the image's output."""
+        n = now.stop - now.start
+        self.rows.keep(image, probes, now.start, n, rows.start)
+        if self.stream is not None:
+            self.stream.keep(image, probes, now.start, n, rows.start)
+        if probes is not None:
+            probes.read(assembly, image, now, rows, self._series)
+
+    def _moved(self, of: tuple[Assembly, Image], rows: slice, instants: range, name: str, kind: int) -> Any:
+        """Displacements (``kind`` 0) or velocities (1) of a substructure, (n, n_node, 3), at instants that are ``rows``
+        of the image's output, else the present one."""
+        return node_fields(of, self._whole, (rows, instants), self._places[name], kind)
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
@@ -275,21 +270,12 @@ class Recorder:
         return min((every - (self.n_kept - 1) % every for every in steps), default=many)
 
     # -- parts of the histories -------------------------------------------------------------------------------------
-    def _views(self, first: int) -> dict[str, Array]:
-        """What is kept in memory from the instant ``first`` on, time first, by name."""
-        views = {
-            f"{kind} {key}": values[first : self.n_kept]
-            for kind, table in self._series.items()
-            for key, values in table.items()
-        }
-        return views | {"interfaces": self.rows.table[self.rows.row(first) : self.rows.row(self.n_kept)]}
-
     def part(self, first: int, n_fields: int) -> dict[str, Any]:
         """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
         stream = self.stream
         return {
             "n_kept": self.n_kept,
-            "rows": self._views(first),
+            "rows": _views(self, first),
             "stream": None if stream is None else stream.rows(-(-first // stream.every), stream.n_row),
             **self._stored.part(n_fields),
         }
@@ -297,7 +283,7 @@ class Recorder:
     def append(self, part: Mapping[str, Any], first: int) -> None:
         """Put a ``part`` from the instant ``first`` on behind what has been kept."""
         self.n_kept = part["n_kept"]
-        for name, values in self._views(first).items():
+        for name, values in _views(self, first).items():
             values[:] = part["rows"][name]
         if self.stream is not None:
             self.stream.append(part["stream"])
@@ -328,7 +314,7 @@ class Recorder:
             self._stored.fields |= kept[1]
             massless.update(kept[2])
         self._series["energy"] = dict(sorted(terms.items())) | drift
-        self._places = _places(assembly)
+        self._places = places_in(assembly)
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self) -> dict[str, InterfaceHistory]:
@@ -386,28 +372,54 @@ class Recorder:
         if not self.request.energy:
             return None
         drift = self._series["energy"]["drift"][: self.n_kept]
-        return energy_balance(assembly, list(self._terms().values()), drift, self._interface_series(assembly))
-
-    def _interface_series(self, assembly: Assembly) -> list[dict[str, Array]]:
-        """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
-        weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
-
-        def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
-            against = assembly.ground.velocity
-            made = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
-            return [{key: values[known:] for key, values in series.items()} for series in made]
-
-        if self.stream is None:
-            return of(self.interfaces(), 0)
-        # the weights of a step take the instant before it
-        parts = [of(histories, 2 if first else 0) for first, _, histories in self.stream.blocks(overlap=2)]
-        return [
-            {key: np.concatenate([part[i][key] for part in parts]) for key in series}
-            for i, series in enumerate(parts[0])
-        ]
+        return energy_balance(assembly, list(self._terms().values()), drift, _interface_series(self, assembly))
 
 
-def _places(assembly: Assembly) -> dict[str, tuple[int, int]]:
+def small(assembly: Assembly) -> bool:
+    """Whether the nodes of an assembly are so few that the image may keep them all."""
+    return sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators) <= _SMALL
+
+
+def node_fields(
+    of: tuple[Assembly, Image], whole: Probes | None, at: tuple[slice, range], place: tuple[int, int], kind: int
+) -> Any:
+    """Displacements (``kind`` 0) or velocities (1) (n, n_node, 3) of the member of a class at a ``place``: by the
+    probes of all nodes, at the rows and instants ``at``, else of the present state."""
+    c, member = place
+    if whole is not None:
+        return whole.fields(of[1], c, member, kind, *at)
+    return [(full_displacement, full_velocity)[kind](of[0].propagators[c], member)]
+
+
+def _views(recorder: Recorder, first: int) -> dict[str, Array]:
+    """What is kept in memory from the instant ``first`` on, time first, by name."""
+    views = {
+        f"{kind} {key}": values[first : recorder.n_kept]
+        for kind, table in recorder._series.items()
+        for key, values in table.items()
+    }
+    return views | {"interfaces": recorder.rows.table[recorder.rows.row(first) : recorder.rows.row(recorder.n_kept)]}
+
+
+def _interface_series(recorder: Recorder, assembly: Assembly) -> list[dict[str, Array]]:
+    """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
+    weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
+
+    def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
+        against = assembly.ground.velocity
+        made = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
+        return [{key: values[known:] for key, values in series.items()} for series in made]
+
+    if recorder.stream is None:
+        return of(recorder.interfaces(), 0)
+    # the weights of a step take the instant before it
+    parts = [of(histories, 2 if first else 0) for first, _, histories in recorder.stream.blocks(overlap=2)]
+    return [
+        {key: np.concatenate([part[i][key] for part in parts]) for key in series} for i, series in enumerate(parts[0])
+    ]
+
+
+def places_in(assembly: Assembly) -> dict[str, tuple[int, int]]:
     """Class and member of every substructure."""
     return {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
 

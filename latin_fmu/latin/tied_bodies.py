@@ -11,7 +11,7 @@ from ..cholesky.factor import CholeskyFactor
 from ..cholesky.symbolic import Pattern, shared_analysis
 from ..fem.dissection import dissected
 from ..propagator.interface_sweeps import NONE, interface_last
-from ..propagator.model import operator_weights
+from ..propagator.model import operator_factors, operator_matrices
 from .assembly import Array, Assembly, Index
 
 MOST_TIED: Final = 4
@@ -33,10 +33,9 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
     dashpot = np.divide(assembly.layout.area, softness, out=np.zeros(n_flat), where=softness > 0.0)
     blocks, traces, known = [], [], 0
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-        ops, weights = propagator.operators, operator_weights(propagator.members[0], assembly.scheme, assembly.dt)
-        operator = weights[0] * ops.mass + weights[2] * ops.stiffness
-        if ops.damping is not None:
-            operator = operator + weights[1] * ops.damping
+        ops, model = propagator.operators, propagator.members[0]
+        factors = operator_factors(model, assembly.scheme, assembly.dt)
+        operator = model.operator_pattern.sum(factors, operator_matrices(model))
         gain = assembly.scheme.interface_gain(assembly.dt) * assembly.scheme.traction_weight
         # of every member: alike bodies share a factor, the tied one has each of them
         known += channels.shape[1] * (getattr(ops.factor, "panels", NONE).size + ops.factor.schur.size)

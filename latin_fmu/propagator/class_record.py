@@ -19,7 +19,7 @@ from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
-from .model import Array, Index
+from .model import Array, Index, unrelaxed_part
 from .patches import EXACT, OF_INVERSE, OF_RESPONSE, Patches, in_patches
 
 Row = dict[str, int]
@@ -237,6 +237,7 @@ def constants(
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
+    put_symmetric(block, row, "unrelaxed", None if static else unrelaxed_part(propagator.members[0]), halves)
     face = propagator.members[0].face
     if row["n_modal"] or (face is not None and ops.modal is not None):
         row["n_viscous"], row["viscous_rows"] = len(ops.modal), block.put(ops.modal)
@@ -379,7 +380,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
     if not row["n_motion"]:
         return
     matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
-    matrices["landing"] = landing
+    matrices |= {"landing": landing, "unrelaxed": model.unrelaxed}
     for name, matrix in matrices.items():
         if matrix is None:
             # a matrix without entries, so that the energies read rows of every kind

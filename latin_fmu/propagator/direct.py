@@ -29,7 +29,16 @@ from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .interface_matrices import projected, with_dashpots
 from .interface_sweeps import DashpotPattern, InterfaceCompliance
-from .model import Array, FaceStiffness, Index, Operators, SubstructureModel, operator_weights
+from .model import (
+    Array,
+    FaceStiffness,
+    Index,
+    Operators,
+    SubstructureModel,
+    operator_factors,
+    operator_matrices,
+    operator_weights,
+)
 
 TOLERANCE = 1e-11
 _BLOCK = 32  # columns solved together
@@ -165,9 +174,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     dofs, trace, rank = model.at_interface
     modal = None if model.modal_rows is None else np.ascontiguousarray(model.modal_rows @ model.expansion)
     c_mass, c_damping, c_stiffness = operator_weights(model, scheme, dt)
-    factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
-    if damping is not None:
-        factors, matrices = [*factors, c_damping], [*matrices, damping]
+    factors = operator_factors(model, scheme, dt)
     # accelerations of interface dofs are w_t S^-1 times the forces, W follows by dW/da
     gain = scheme.interface_gain(dt) * scheme.traction_weight
     on_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
@@ -187,7 +194,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
             return pattern.factor(factors, gain * dashpots, dtype)
 
     else:
-        matrix = model.operator_pattern.sum(factors, matrices)
+        matrix = model.operator_pattern.sum(factors, operator_matrices(model))
         if model.factor == "cg":
             factor = IterativeFactor(matrix, dofs)
         else:

@@ -245,6 +245,7 @@ class _Motion:
         reduce = member.expansion.T
         self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
+        self._unrelaxed = None if member.unrelaxed is None else reduce @ (member.unrelaxed @ self.pattern)
         self._damping = None if (damped := damping_forces(member, self.pattern)) is None else reduce @ damped
 
     def begin(self, given: Array, kinds: Sequence[str], dt: float) -> None:
@@ -294,7 +295,7 @@ class _Motion:
                 reached = kept * elongation[i] + moved * (middle[i + 1] - u[i])
                 strains[i + 1] += strength * reached
                 elongation[i + 1] = kept * reached + moved * (u[i + 1] - middle[i + 1]) if explicit else reached
-        self._strained = middle + strains
+        self._strained, self._strains = middle + strains, strains
 
     def at(self, instant: int) -> MotionState:
         u, v, a = self.histories
@@ -307,7 +308,7 @@ class _Motion:
 
     def reduced_elastic(self, instant: int) -> Array:
         force: Array = self._stiffness @ self._strained[instant]
-        return force
+        return force if self._unrelaxed is None else force - self._unrelaxed @ self._strains[instant]
 
     def reduced_viscous(self, instant: int) -> Array | float:
         return 0.0 if self._damping is None else self._damping @ self.histories[1][instant]
@@ -328,6 +329,8 @@ class _Motion:
             step = 0.5 * (v - before)
         for k in range(self.pattern.shape[1]):
             sums["force"].add(-self._stiffness[:, k], *of, self._strained[:, k], always)
+            if self._unrelaxed is not None:
+                sums["force"].add(self._unrelaxed[:, k], *of, self._strains[:, k], always)
             if self._damping is not None:
                 sums["force"].add(-self._damping[:, k], *of, before[:, k], always)
             if lumped is not None:

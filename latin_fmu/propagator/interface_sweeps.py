@@ -27,7 +27,7 @@ import scipy.sparse as sp
 from ..cholesky.factor import CholeskyFactor
 from ..cholesky.symbolic import Pattern, Symbolic, shared_analysis
 from .interface_matrices import STILL
-from .model import Array, Index, OperatorPattern, SubstructureModel, with_data
+from .model import Array, Index, OperatorPattern, SubstructureModel, operator_matrices, with_data
 
 Form = Literal["automatic", "dense", "exact", "sparse"]
 """How interfaces are solved with: by dense matrices, by substitution (exact too), by tables, or by what costs less."""
@@ -254,11 +254,7 @@ class DashpotPattern:
     """
 
     def __init__(self, model: SubstructureModel) -> None:
-        if model.mass is None:
-            matrices = [model.reduced_stiffness]
-        else:
-            mass, damping, stiffness = model.reduced
-            matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
+        matrices = [model.reduced_stiffness] if model.mass is None else operator_matrices(model)
         self.store = model.store
         self._matrices = matrices
         self._trace = model.reduced_trace

@@ -31,6 +31,7 @@ _KEPT = frozenset(
     (
         "reduced",
         "reduced_stiffness",
+        "_unrelaxed",
         "modal_rows",
         "reduced_landing",
         "stiffness_by_nodes",
@@ -289,6 +290,10 @@ class SubstructureModel:
     branches: MaxwellBranches = field(default=NO_BRANCHES)
     """Maxwell branches of the damping by strain, springs of the stiffness K times their strengths."""
 
+    unrelaxed: sp.csr_array | None = field(default=None)
+    """(n_full, n_full) part of the stiffness whose springs have no branches: of a group of bodies some of which relax;
+    None where all have."""
+
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
 
@@ -356,8 +361,8 @@ class SubstructureModel:
 
     @cached_property
     def operator_pattern(self) -> OperatorPattern:
-        """Pattern of the operators of a march: M, K and, where there is one, C."""
-        return OperatorPattern(_present(self))
+        """Pattern of ``operator_matrices``."""
+        return OperatorPattern(operator_matrices(self))
 
     @cached_property
     def massless(self) -> NDArray[np.int64]:
@@ -460,6 +465,32 @@ def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) ->
     return mass, damping, stiffness * model.branches.marched(scheme).stiffening(scheme, dt)
 
 
+def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
+    """The part of the stiffness of the reduced dofs that has no branches, (n, n); None where all has."""
+    if model.unrelaxed is not None and "_unrelaxed" not in model.__dict__:
+        model.__dict__["_unrelaxed"] = _reduced(model.expansion, model.unrelaxed)
+    made: sp.csr_array | None = model.__dict__.get("_unrelaxed")
+    return made
+
+
+def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) -> list[float]:
+    """Factors of ``operator_matrices`` in the operator of the march of a scheme."""
+    mass, damping, stiffness = operator_weights(model, scheme, dt)
+    factors = [mass, stiffness] if model.reduced[1] is None else [mass, stiffness, damping]
+    if model.unrelaxed is not None:
+        factors.append(scheme.operator(dt)[2] - stiffness)  # it has no branches
+    return factors
+
+
+def operator_matrices(model: SubstructureModel) -> list[sp.csr_array]:
+    """Matrices (n, n) of the operator of a march: M, K, and where there are, C and the part of K
+    without branches."""
+    mass, damping, stiffness = model.reduced
+    matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
+    unrelaxed = unrelaxed_part(model)
+    return matrices if unrelaxed is None else [*matrices, unrelaxed]
+
+
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
     """P^T A P for an expansion P, with the ``zeros`` of A where they are wanted and P is a selection."""
     if not _selects(p) or not matrix.has_sorted_indices:
@@ -551,20 +582,15 @@ def share_patterns(models: Sequence[SubstructureModel]) -> None:
     """Make models whose reduced matrices have equal patterns share these (values stay their own)."""
     known: dict[tuple[int, ...], list[SubstructureModel]] = {}
     for model in models:
-        matrices = _present(model)
+        matrices = operator_matrices(model)
         like = known.setdefault(tuple(m.nnz for m in matrices), [])
-        same = next((k for k in like if _same_patterns(_present(k), matrices)), None)
+        same = next((k for k in like if _same_patterns(operator_matrices(k), matrices)), None)
         if same is None:
             like.append(model)
             continue
-        for matrix, first in zip(matrices, _present(same), strict=True):
+        for matrix, first in zip(matrices, operator_matrices(same), strict=True):
             matrix.indptr, matrix.indices = first.indptr, first.indices
         model.__dict__["operator_pattern"], model.__dict__["_alike"] = same.operator_pattern, same
-
-
-def _present(model: SubstructureModel) -> list[sp.csr_array]:
-    mass, damping, stiffness = model.reduced
-    return [mass, stiffness] if damping is None else [mass, stiffness, damping]
 
 
 def _same_patterns(first: Sequence[sp.csr_array], second: Sequence[sp.csr_array]) -> bool:

@@ -498,7 +498,10 @@ class Solver(SceneTable):
     ] = True
     bonds: Annotated[
         Literal["direct", "iterate"],
-        about("where all interfaces are perfect and window = 1: one linear solve per instant, or the iteration"),
+        about(
+            "perfect interfaces: bodies that they join are one substructure of the direct march, so that they take no "
+            "iteration, where that can be and is cheaper as predicted; or they are iterated as other interfaces"
+        ),
     ] = "direct"
     start: Annotated[
         Literal["sequential", "zero"],
