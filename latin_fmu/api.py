@@ -329,11 +329,15 @@ def _reduction(
 ) -> tuple[ReductionError | None, str]:
     """Error of a march by modes that the program has chosen, and why it is given up; empty where it is not."""
     from .accuracy.reduction import reduction_error
+    from .assembly.modal_choice import let_go
     from .assembly.modal_problem import coarser_problem
 
     begin = clock.process_time()
     if not outcome.converged:
         return None, f"the march by modes was tried and {outcome.status.partition('.')[0]}"
+    if body := let_go(prediction.discretised, outcome.interfaces):
+        loose = f"contacts let go of body {body} entirely, whose mass modes do not have"
+        return None, f"the march by modes was tried, and {loose}"
     with one_thread():
         coarser = coarser_problem(prediction.discretised, problem.start, cast(Any, problem.reduced))
     other = _marched(coarser, Timings(), RunOptions(max_cpu=limit.left), None, "")[0]

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
+from ..errors import SolverError
 from ..latin.assembly import Array, Assembly, GroundState, Index, Layout
 from ..latin.probes import FacePlace, OutputRequest
 from ..latin.recorder import Recorder
@@ -199,7 +200,12 @@ def reduced_march(
     for j, unit in enumerate(alone):
         places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
     model = _model(reduced, _start(tied, reduced, drives), layout, channels, np.concatenate(places))
-    propagator = DirectPropagator([model], MasslessContact(), dt, True)
+    try:
+        propagator = DirectPropagator([model], MasslessContact(), dt, True)
+    except SolverError as error:
+        # they have no mass: what parts that nothing but contacts holds have, modes give
+        what = f"relative motions of contacts have neither stiffness nor enough inertia in {reduced.n_mode} modes"
+        raise TieError(f"{what}: parts that nothing but contacts holds need more of them (`highest`)") from error
     propagator.loads_only = not scene.output.energy
     assembly = Assembly(
         [propagator],
