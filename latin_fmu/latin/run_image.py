@@ -86,8 +86,8 @@ def make_image(
         "n_owned": len(assembly.interfaces) if part is None else part.n_owned,
         "part_width": MEASURES + 2 * depth,
         "segments": np.array(segments, dtype=np.int64).reshape(-1, 3),
-        # without inertia the coarse problem reads the tractions of ground
-        "sides": np.array([1 if u.against_ground and not static else 2 for u in assembly.interfaces], dtype=np.int64),
+        # that of ground is left out where all interfaces have it: of an assembly marched by its modes
+        "sides": np.array([1 if settings.residual_alone else 2 for _ in assembly.interfaces], dtype=np.int64),
         "part_order": np.arange(len(assembly.interfaces)),
         "depth": depth,
         "max_iterations": settings.max_iterations,

@@ -31,7 +31,7 @@ def friction(pressure: float, coefficient: float, jump: Array, z: float, tractio
     if len(jump) == 1 or z <= 0.0 or pressure <= 0.0:
         return
     # limit: velocity that the cone can stop
-    norm, limit = np.sqrt(jump[1] * jump[1] + jump[2] * jump[2]), coefficient * pressure * z
+    norm, limit = np.hypot(jump[1], jump[2]), coefficient * pressure * z
     scale = 1.0 if norm <= limit else limit / norm
     traction[1] = scale * jump[1] / z
     traction[2] = scale * jump[2] / z

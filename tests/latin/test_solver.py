@@ -37,8 +37,9 @@ class OneNumber:
         end = 0
         for name, size in sizes.items():
             run[name], end = end, end + size + ROOM
-        fixed = np.ones(5)  # metric; first channels of both sides of the interface and their number; its row of sums
-        fixed.view(np.int64)[1:] = 0, 0, 1, 0
+        # metric; first channels of both sides of the interface and their number; its row of sums; sides that are moved
+        fixed = np.ones(6)
+        fixed.view(np.int64)[1:] = 0, 0, 1, 0, 1
         numbers = {
             "n_flat": 1,
             "n_interface": 1,
@@ -47,6 +48,7 @@ class OneNumber:
             "own_parts": int(run["parts"][0]),
             "segments": 1,
             "part_order": 4,
+            "sides": 5,
             "depth": depth,
             "relaxation": settings.relaxation,
             "longest_step": np.inf,
