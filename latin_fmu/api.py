@@ -9,7 +9,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, Protocol, cast
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -50,9 +50,6 @@ from .run_checks import balance_words, body_ends, faults_of, resultants, run_rem
 from .scene.histories import histories_of, history_lines
 from .scene.schema import Scene
 from .scene.units import UnitSystem
-
-if TYPE_CHECKING:
-    from .accuracy.reduction import ReductionError
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
 _UNCHECKED: Final = (
@@ -232,47 +229,31 @@ def solve(
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
     # observers and given first guesses see all interfaces
+    leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
     looked_at = observer is not None or fields is not None
-    attempt = _Attempt(
-        leave_out=(observer, behaviours, fields, processes) == (None,) * 4,
-        yielding=(yielding := Yielding(scene)),
-        looked_at=looked_at,
-        # studies compare runs, which are marched alike
-        modes_open=kept is None and not looked_at and not yielding.tables,
-    )
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     # derivatives take the histories of all instants from the memory
     stream = None if scene.differentiated else stream
-    reduction: ReductionError | None = None
     while True:
-        problem, prediction, tangent = _made(scene, behaviours, kept, stream is not None, processes, attempt)
+        problem, prediction, tangent = _made(
+            scene, behaviours, kept, stream is not None, processes, (leave_out, yielding, looked_at)
+        )
         if stream is not None:
             check_folder(stream, least_output(prediction))
         timings.setup = clock.process_time() - limit.begin
         left_out = problem.untouched
         names = [] if left_out is None else [*left_out.info]
-        names += ["by modes"] if problem.modes_tried else []
         digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
         options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
         try:
             outcome, recorder = _marched(problem, timings, options, wall, digest)
         except ResultsError:
-            # the checkpoint may be of a run of the bodies, or with all of them
-            if problem.modes_tried:
-                attempt = replace(attempt, modes_open=False)
-            elif left_out is not None:
-                attempt = replace(attempt, leave_out=False)
-            else:
+            if left_out is None:
                 raise
+            leave_out = False  # the checkpoint may be of a run with all bodies
             continue
         if left_out is not None and touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
-            attempt = replace(attempt, leave_out=False)
-        elif problem.modes_tried and not outcome.interrupted:
-            reduction, refused = _reduction(scene, problem, prediction, outcome, limit)
-            if not refused:
-                break
-            words = f"{refused}; the try took {clock.process_time() - limit.begin:.3g} s of CPU"
-            attempt, reduction = replace(attempt, modes_open=False, modes_refused=words), None
+            leave_out = False
         elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
             break
         # its time counts as set-up: the limit begins where it did
@@ -288,8 +269,6 @@ def solve(
         faults=(*outcome.faults, *faults),
         status=with_faults(outcome.status, faults),
     )
-    if reduction is not None:
-        outcome = replace(outcome, settings=outcome.settings | {"error of the modes": reduction.in_words()})
     if outcome.converged:
         timings.predicted = prediction.march
     outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress, limit)
@@ -303,56 +282,7 @@ def solve(
         units=scene.unit_system,
         sensitivities=sensitivities,
         bands=bands,
-        reduction=reduction,
     )
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    """How a run is made, which may have to be made anew.
-
-    Attributes
-    ----------
-    leave_out : as for ``discretise``. yielding : bolts that yield. looked_at : whether iterates are looked at.
-    modes_open : whether a march by modes may be tried. modes_refused : why it was given up.
-    """
-
-    leave_out: bool
-    yielding: Yielding
-    looked_at: bool
-    modes_open: bool
-    modes_refused: str = ""
-
-
-def _reduction(
-    scene: Scene, problem: SolverReadyProblem, prediction: Prediction, outcome: Outcome, limit: _CpuLimit
-) -> tuple[ReductionError | None, str]:
-    """Error of a march by modes that the program has chosen, and why it is given up; empty where it is not."""
-    from .accuracy.reduction import reduction_error
-    from .assembly.modal_choice import let_go
-    from .assembly.modal_problem import coarser_problem
-
-    begin = clock.process_time()
-    if not outcome.converged:
-        return None, f"the march by modes was tried and {outcome.status.partition('.')[0]}"
-    if body := let_go(prediction.discretised, outcome.interfaces):
-        loose = f"contacts let go of body {body} entirely, whose mass modes do not have"
-        return None, f"the march by modes was tried, and {loose}"
-    with one_thread():
-        coarser = coarser_problem(prediction.discretised, problem.start, cast(Any, problem.reduced))
-    other = _marched(coarser, Timings(), RunOptions(max_cpu=limit.left), None, "")[0]
-    outcome.timings.other += clock.process_time() - begin
-    if not other.converged:
-        return None, f"the march by modes was tried, and the one that tells its error {other.status.partition('.')[0]}"
-    marches = [
-        Solution(made, scene.text(), scene.name, sensor_tables=scene.sensor, units=scene.unit_system)
-        for made in (outcome, other)
-    ]
-    reduction, most = reduction_error(scene, *marches), scene.solver.reduction_error
-    if reduction.largest[1] <= most:
-        return reduction, ""
-    told = f"its error {reduction.in_words()} is above solver.reduction_error ({100 * most:.3g} %)"
-    return None, f"the march by modes was tried, and {told}"
 
 
 @dataclass(frozen=True)
@@ -496,16 +426,17 @@ def _made(
     kept: KeptOperators | None,
     stream: bool,
     processes: Processes | None,
-    how: _Attempt,
+    how: tuple[bool, Yielding, bool],
 ) -> tuple[SolverReadyProblem, Prediction, Tangents | None]:
     """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
-    parameters and errors as for ``solve``."""
+    parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, bolts that
+    yield, and whether iterates are looked at."""
     wanted = bool(scene.differentiated)
     # shared with the scenes in which the parameters are varied
     kept = KeptOperators() if kept is None and wanted else kept
     with one_thread(), nullcontext() if processes is None else processes.agreed():
-        discretised = discretise(scene, behaviours, kept, how.leave_out and not wanted)
-        discretised = replace(discretised, elongation=how.yielding.elongation)
+        discretised = discretise(scene, behaviours, kept, how[0] and not wanted)
+        discretised = replace(discretised, elongation=how[1].elongation)
         prediction = Prediction(discretised)
         check_memory(prediction, stream)
         if processes is not None:
@@ -513,30 +444,22 @@ def _made(
         tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None) if wanted else None
         stages = None if tangent is None else tangent.stages
         size = 1 if processes is None else processes.size
-        restricted = behaviours is not None or wanted or size > 1 or how.looked_at
-        modal, reasons = by_modes(scene, restricted)
-        tried = how.modes_open and _tries_modes(discretised, prediction, restricted)
-        if tried:
-            from .assembly.modal_choice import by_choice
-
-            discretised = by_choice(discretised)
-            prediction.discretised = discretised
+        modal, reasons = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
         try:
             at_once = False
             if scene.time.quasi_static:
                 from .assembly.static_fields import solved_at_once
 
-                at_once = solved_at_once(scene, discretised, wanted or size > 1 or how.looked_at)
+                at_once = solved_at_once(scene, discretised, wanted or size > 1 or how[2])
             grouped, why = None, ""
-            if not (modal or tried or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
+            if not (modal or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
                 from .effects.march_choice import cheaper_march
 
+                restricted = behaviours is not None or wanted or size > 1 or how[2]
                 grouped, prediction, why = cheaper_march(discretised, prediction, restricted)
-            problem = solver_ready(discretised, {}, size, stages, modal or tried, at_once, grouped)
+            problem = solver_ready(discretised, {}, size, stages, modal, at_once, grouped)
             problem = replace(problem, bonds=f"iterated: {why}") if why else problem
         except TieError as error:
-            if tried:
-                return _made(scene, behaviours, kept, stream, processes, replace(how, modes_open=False))
             modal, reasons = False, [str(error)]
         if reasons:
             # with the time scheme that suits the bodies
@@ -545,24 +468,11 @@ def _made(
             words = [f"marched body by body and not by the modes of the assembly: {reason}" for reason in reasons]
             problem = replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
             return problem, prediction, tangent
-        if how.modes_refused:
-            words = [f"marched body by body and not by the modes of the assembly: {how.modes_refused}"]
-            problem = replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
-        problem = replace(problem, modes_tried=tried)
         if scene.time.quasi_static:
             lost = loss_of_equilibrium(discretised)
             for held in (problem.assembly, problem.assembly if problem.reduced is None else problem.reduced.assembly):
                 held.lost = lost
     return problem, prediction, tangent
-
-
-def _tries_modes(discretised: DiscretisedProblem, prediction: Prediction, restricted: bool) -> bool:
-    """Whether the program tries the march by modes (``assembly.modal_choice``)."""
-    if discretised.scene.time.quasi_static or restricted:
-        return False
-    from .assembly.modal_choice import PAYS, tries_modes
-
-    return prediction.march >= PAYS and tries_modes(discretised)
 
 
 def check_distributable(discretised: DiscretisedProblem, size: int) -> None:

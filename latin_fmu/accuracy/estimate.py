@@ -13,7 +13,7 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -52,9 +52,6 @@ from .runs import (
     run_at,
     sampling_error,
 )
-
-if TYPE_CHECKING:
-    from .reduction import ReductionError
 
 UNREFINED: Final = (
     "the mesh comes from a file: its share of the error is not estimated; with mesh.refine = 1 the mesh of the file "
@@ -394,10 +391,6 @@ def estimate_error(
     True
     """
     start = clock.process_time()
-    told = solution.reduction
-    # a mesh that can be coarsened has an error of its own
-    if told is not None and not coarsens_mesh(scene):
-        return told_by_modes(scene, solution, told)
     plan = coarser_runs_of(scene, third=solution.timings.predicted > LONG)
     if plan is None:
         return ErrorEstimate((), ("too few time steps for an estimate",))
@@ -434,14 +427,6 @@ def estimate_error(
     estimates = plan.estimates(lean, fine, coarser)
     spectra = spectrum_errors(fine, coarser["half"], 1.0 / plan.half.time) if "half" in coarser else {}
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
-
-
-def told_by_modes(scene: Scene, solution: Solution, told: ReductionError) -> ErrorEstimate:
-    """Estimate of a march by modes from the second one that told its error: nothing is run."""
-    plan = CoarserRuns(Resolution(1.0, 0.5), None, (UNREFINED,) if mesh_files(scene) else ())
-    estimates = plan.estimates(scene, told.fine, {"half": told.coarse})
-    remarks = *plan.remarks, *band_remarks(scene, solution, list(solution.sensors))
-    return ErrorEstimate(estimates, remarks, 0.0, spectrum_errors(told.fine, told.coarse, 2.0))
 
 
 def band_remarks(scene: Scene, solution: Solution, sensors: Sequence[str]) -> list[str]:

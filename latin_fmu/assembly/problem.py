@@ -100,8 +100,6 @@ class SolverReadyProblem:
     """The assembly that is marched where bonded bodies are one substructure; None where none are."""
     bonds: str = ""
     """Why bonds are iterated although nothing is said about them; empty where they are not, or where there are none."""
-    modes_tried: bool = False
-    """Whether the program has chosen to march it by its modes, as long as the error of that is small."""
 
     def recorder(self) -> Recorder:
         """One that keeps what the scene asks for, in memory."""

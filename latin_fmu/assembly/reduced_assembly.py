@@ -56,7 +56,6 @@ _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motio
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _COLUMNS: Final = 96  # that are solved together: vectors of all dofs
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
-_OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "damping", "drag")  # of the tied assembly
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
 
@@ -183,33 +182,17 @@ class ReducedAssembly:
         none = np.zeros((tied.mass.shape[0], 0))
         return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities)
 
-    def coarser(self, dt: float, cutoff: float) -> ReducedAssembly:
-        """The same, without loads, for longer steps dt and with the modes up to a lower ``cutoff``, Hz, alone."""
-        limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
-        some = self.values <= limit
-        every = np.concatenate([np.ones(self.rigid.shape[1], dtype=bool), some])
-        none = np.zeros((len(self.forces), 0))
-        made = replace(self, dt=dt, elastic=self.elastic[:, some], values=self.values[some], forces=none)
-        # what follows from matrices that may be gone
-        of_modes = {name: getattr(self, name)[np.ix_(every, every)] for name in ("damping", "drag")}
-        of_modes |= {"coupling": self.coupling, "rigid_share": self.rigid_share, "gamma": self.gamma[some]}
-        made.__dict__.update(of_modes)
-        return made
-
     def with_forces(self, forces: Array) -> ReducedAssembly:
         """The same under loads (n_full, n_load), N for amplitude 1."""
-        made = replace(self, forces=np.asarray(self.tied.expansion.T @ forces))
-        # what follows from matrices that may be gone
-        made.__dict__.update({name: self.__dict__[name] for name in _OF_MATRICES if name in self.__dict__})
-        return made
+        return replace(self, forces=np.asarray(self.tied.expansion.T @ forces))
 
     def without_matrices(self) -> ReducedAssembly:
-        """The same without stiffness and damping of the tied assembly, which a march and its results do not need: what
-        follows from them is there."""
-        for name in _OF_MATRICES:
+        """The same without the matrices of the tied assembly, which a march and its results do not need: what follows
+        from them is there."""
+        for name in ("coupling", "rigid_share", "gamma", "damping", "drag"):
             getattr(self, name)
         none = sp.csr_array((0, 0))
-        made = replace(self, tied=replace(self.tied, stiffness=none, damping=none))
+        made = replace(self, tied=replace(self.tied, stiffness=none, mass=none, damping=none))
         given = {field.name for field in fields(self)}
         made.__dict__.update({name: value for name, value in self.__dict__.items() if name not in given})
         return made

@@ -38,8 +38,6 @@ from .tied_assembly import TiedAssembly, TieError
 _SEARCH: Final = 3.3  # factor on the search direction
 _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
-COARSER: Final = 2.0
-"""Cut-off of the modes of a march over that of the one that tells its error."""
 FEWEST: Final = 20
 """Elastic modes that are taken where there are as many below the frequency that a step resolves: relative motions have
 no inertia but that of the modes, and parts that nothing but contacts holds need one."""
@@ -175,20 +173,18 @@ def reduced_march(
     bodies: Assembly,
     start: InitialState | None,
     viscosities: Mapping[str, float],
-    finer: ReducedMarch | None = None,
 ) -> ReducedMarch:
     """The reduced assembly of a scene.
 
     classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
     start : the equilibrium that the motion starts from. viscosities : b of the damping b K by strains, s, by body.
-    finer : of the same scene in shorter steps, whose modes up to 1 / ``COARSER`` of its cut-off are taken.
 
     Raises
     ------
     TieError : an assembly that cannot be reduced.
     """
     units, dt = bodies.interfaces, bodies.dt
-    modes, cutoff = _modes(scene, classes, bodies, viscosities) if finer is None else _fewer_modes(finer, bodies.dt)
+    modes, cutoff = _modes(scene, classes, bodies, viscosities)
     tied = modes.tied
     drives = drives_of(tied, modes, bodies)
     reduced = modes.with_forces(drives.forces)
@@ -246,15 +242,6 @@ def _modes(
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff
-
-
-def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
-    """Those of a march in steps dt, s, that tells the error of a finer one."""
-    values = finer.reduced.values
-    cutoff = finer.cutoff / COARSER
-    if len(values):  # half of the few that there must be
-        cutoff = max(cutoff, float(np.sqrt(values[min(FEWEST // 2, len(values)) - 1])) / (2.0 * np.pi))
-    return finer.reduced.coarser(dt, cutoff), cutoff
 
 
 def highest_of(scene: Scene) -> float | None:

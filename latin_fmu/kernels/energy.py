@@ -168,9 +168,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC:
         _account_inertia(pools, c, of_scheme)
     state_energies(pools, c, u, v, past[_MASS_V * wide : _MASS_V * wide + size], new[:wide], image)
-    if row.n_relaxing > 0:
-        of_damping[0] += work[row.relaxed_loss]
-        totals[ELASTIC] += relaxed_energy(pools, c)
+    account_relaxed(pools, c, totals)
     if row.n_branch > 0:
         # u and v, which stand in the first half of the scratch, have been read
         account_branches(pools, c, instant, step, new[:wide], then[:wide], scratch[: 2 * wide])
@@ -195,6 +193,15 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     for at in range(size, 2 * wide, wide):  # reactions of K u, of C v
         end = at + wide - size
         add_work(m, (before, old, now), step[size:], earlier[at:end], then[at:end], new[at:end], of_loads)
+
+
+@kernel
+def account_relaxed(pools: Any, c: int, totals: Array) -> None:
+    """Loss and elastic energy of the branches of a face and its rows over the step (``face``); of one member."""
+    row = pools.classes[c]
+    if row.n_relaxing > 0:
+        totals[DAMPED] += pools.moving[row.relaxed_loss]
+        totals[ELASTIC] += relaxed_energy(pools, c)
 
 
 @kernel

@@ -38,8 +38,6 @@ from .summary import report
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..accuracy.reduction import ReductionError
-
 T = TypeVar("T", covariant=True)
 
 
@@ -71,8 +69,6 @@ class Solution:
     units : system of units of the scene, which labels the results.
     sensitivities : derivatives by parameters of the scene; None where none are requested.
     bands : bands of results from parameters that scatter; None where none do.
-    reduction : error of a march by modes that the program has chosen; None where the bodies were marched, or the scene
-        asks for modes.
 
     Examples
     --------
@@ -93,7 +89,6 @@ class Solution:
     units: UnitSystem = SI
     sensitivities: Sensitivities | None = None
     bands: Bands | None = None
-    reduction: ReductionError | None = None
 
     status = _of(lambda o: o.status, "One sentence, with a remedy where the run did not converge.")
     converged = _of(
@@ -193,10 +188,7 @@ class Solution:
         text = f"  cost  {self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
             text += f", estimate of the errors by coarser runs {self.estimate.cpu:.2g} s more"
-        remarks = [] if self.estimate is None else [*self.estimate.remarks]
-        if self.reduction is not None:
-            marched = self.outcome.settings["propagator"]
-            remarks.append(f"marched by {marched}; what that leaves out is at most {self.reduction.in_words()}")
+        remarks = () if self.estimate is None else self.estimate.remarks
         notes = (line for remark in remarks for line in wrapped("note", remark))
         return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]
 
