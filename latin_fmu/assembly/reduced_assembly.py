@@ -186,17 +186,6 @@ class ReducedAssembly:
         """The same under loads (n_full, n_load), N for amplitude 1."""
         return replace(self, forces=np.asarray(self.tied.expansion.T @ forces))
 
-    def without_matrices(self) -> ReducedAssembly:
-        """The same without the matrices of the tied assembly, which a march and its results do not need: what follows
-        from them is there."""
-        for name in ("coupling", "rigid_share", "gamma", "damping", "drag"):
-            getattr(self, name)
-        none = sp.csr_array((0, 0))
-        made = replace(self, tied=replace(self.tied, stiffness=none, mass=none, damping=none))
-        given = {field.name for field in fields(self)}
-        made.__dict__.update({name: value for name, value in self.__dict__.items() if name not in given})
-        return made
-
     @property
     def n_mode(self) -> int:
         """Rigid motions and elastic modes."""
@@ -352,6 +341,18 @@ class ReducedAssembly:
         moved = (self.elastic.T @ pulled - static) / self.marched.p
         drives = self.drives[first : self.n_mode] @ loads / self.marched.values
         return np.concatenate([self.rigid.T @ pulled, moved + self.marched_gamma @ r + drives, r])
+
+
+def without_matrices(reduced: ReducedAssembly) -> ReducedAssembly:
+    """The same without the matrices of the tied assembly, which a march and its results do not need: what follows from
+    them is there."""
+    for name in ("coupling", "rigid_share", "gamma", "damping", "drag"):
+        getattr(reduced, name)
+    none = sp.csr_array((0, 0))
+    made = replace(reduced, tied=replace(reduced.tied, stiffness=none, mass=none, damping=none))
+    fixed = {field.name for field in fields(reduced)}
+    made.__dict__.update({name: value for name, value in reduced.__dict__.items() if name not in fixed})
+    return made
 
 
 def lowest(

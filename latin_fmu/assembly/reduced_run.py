@@ -31,7 +31,7 @@ from ..scene.settings import ModalPropagatorTable
 from ..time_scheme import MasslessContact
 from .initial_state import InitialState
 from .models import ModelClass
-from .reduced_assembly import MOST_MODES, ReducedAssembly
+from .reduced_assembly import MOST_MODES, ReducedAssembly, without_matrices
 from .static_assembly import against_ground
 from .tied_assembly import TiedAssembly, TieError
 
@@ -222,7 +222,7 @@ def reduced_march(
     assembly.begin(bodies.time, dt, ground, still)
     moved = np.concatenate([m.displacement for m in tied.models])
     stored = 0.5 * float(moved @ (tied.full[0] @ moved))
-    return ReducedMarch(assembly, bodies, reduced.without_matrices(), drives, relative, cutoff, stored)
+    return ReducedMarch(assembly, bodies, without_matrices(reduced), drives, relative, cutoff, stored)
 
 
 def _modes(

@@ -142,7 +142,8 @@ def run(tables: Tables, folder: Path, solve: Callable[[latin_fmu.Scene, Path], R
     except NotConvergedError as stopped:
         return Run(converged=False, refused=str(stopped))
     except (SceneError, SolverError) as error:
-        return Run(refused=str(error))
+        # a static start that has not converged
+        return Run(converged="not converged" not in str(error), refused=str(error))
     said = "" if solution.converged else solution.status
     return Run(results_of(solution), solution.converged, said, tuple(solution.warnings), solution)
 
