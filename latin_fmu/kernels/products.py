@@ -126,37 +126,27 @@ def add_dense_members(rows: int, columns: int, table: Array, m: int, x: Array, o
 @kernel
 def packed_product(n: int, a: Any, x: Array, out: Array) -> None:
     """out = A x, A given by the rows of its lower triangle one after the other, float64 or float32. Half of the memory
-    is read, and reading is the cost of a product with a matrix larger than the cache. Four rows at a time."""
+    is read, and reading is the cost of a product with a matrix larger than the cache. Two rows at a time."""
     at, i = 0, 0
-    while i + 4 <= n:
-        # rows i ... i + 3, and behind the first i entries of each those up to the diagonal
-        at1, at2, at3 = at + i + 1, at + 2 * i + 3, at + 3 * i + 6
-        row0, row1, row2, row3 = a[at : at + i], a[at1 : at1 + i], a[at2 : at2 + i], a[at3 : at3 + i]
-        end1, end2, end3 = a[at1 + i : at1 + i + 2], a[at2 + i : at2 + i + 3], a[at3 + i : at3 + i + 4]
-        x0, x1, x2, x3 = x[i], x[i + 1], x[i + 2], x[i + 3]
-        t0 = a[at + i] * x0 + end1[0] * x1 + end2[0] * x2 + end3[0] * x3
-        t1 = end1[0] * x0 + end1[1] * x1 + end2[1] * x2 + end3[1] * x3
-        t2 = end2[0] * x0 + end2[1] * x1 + end2[2] * x2 + end3[2] * x3
-        t3 = end3[0] * x0 + end3[1] * x1 + end3[2] * x2 + end3[3] * x3
+    while i + 2 <= n:
+        first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]  # rows i and i + 1
+        corner, below, last = a[at + i], a[at + 2 * i + 1], a[at + 2 * i + 2]
+        x0, x1 = x[i], x[i + 1]
+        t0, t1 = corner * x0 + below * x1, below * x0 + last * x1
         known, into = x[:i], out[:i]
         for j in range(i):
-            value = known[j]
-            t0 += row0[j] * value
-            t1 += row1[j] * value
-            t2 += row2[j] * value
-            t3 += row3[j] * value
-            into[j] += (row0[j] * x0 + row1[j] * x1) + (row2[j] * x2 + row3[j] * x3)
-        out[i], out[i + 1], out[i + 2], out[i + 3] = t0, t1, t2, t3
-        at += 4 * i + 10  # to row i + 4
-        i += 4
-    while i < n:
+            t0 += first[j] * known[j]
+            t1 += second[j] * known[j]
+            into[j] += first[j] * x0 + second[j] * x1
+        out[i], out[i + 1] = t0, t1
+        at += 2 * i + 3  # to row i + 2
+        i += 2
+    if i < n:
         first, t0 = a[at : at + i], a[at + i] * x[i]
         for j in range(i):
             t0 += first[j] * x[j]
             out[j] += first[j] * x[i]
         out[i] = t0
-        at += i + 1
-        i += 1
 
 
 def numbers_of(n: int, plain: int, m: int) -> int:
@@ -203,37 +193,20 @@ def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scr
 
 @kernel
 def two_norms(n: int, a: Any, x: Array) -> tuple[float, float, float]:
-    """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``). Two rows of A at a
-    time."""
+    """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``)."""
     x0, x1 = x[:n], x[n : 2 * n]
-    first, second, cross, at, i = 0.0, 0.0, 0.0, 0, 0
-    while i < n:
-        both = i + 1 < n
-        line, other = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]
-        t0 = t1 = s0 = s1 = a[at] - a[at]  # 0 of their kind
-        if both:
-            for j in range(i):
-                t0 += line[j] * x0[j]
-                t1 += line[j] * x1[j]
-                s0 += other[j] * x0[j]
-                s1 += other[j] * x1[j]
-        else:
-            for j in range(i):
-                t0 += line[j] * x0[j]
-                t1 += line[j] * x1[j]
+    first, second, cross, at = 0.0, 0.0, 0.0, 0
+    for i in range(n):
+        line = a[at : at + i]
+        t0 = t1 = 0.0
+        for j in range(i):
+            t0 += line[j] * x0[j]
+            t1 += line[j] * x1[j]
         corner = a[at + i]
         first += x0[i] * (2.0 * t0 + corner * x0[i])  # both triangles
         second += x1[i] * (2.0 * t1 + corner * x1[i])
         cross += x1[i] * (t0 + corner * x0[i]) + x0[i] * t1
-        if both:
-            s0 += a[at + 2 * i + 1] * x0[i]
-            s1 += a[at + 2 * i + 1] * x1[i]
-            corner = a[at + 2 * i + 2]
-            first += x0[i + 1] * (2.0 * s0 + corner * x0[i + 1])
-            second += x1[i + 1] * (2.0 * s1 + corner * x1[i + 1])
-            cross += x1[i + 1] * (s0 + corner * x0[i + 1]) + x0[i + 1] * s1
-        at += 2 * i + 3
-        i += 2
+        at += i + 1
     return first, second, cross
 
 
