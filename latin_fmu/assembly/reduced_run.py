@@ -38,9 +38,6 @@ from .tied_assembly import TiedAssembly, TieError
 _SEARCH: Final = 3.3  # factor on the search direction
 _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
-FEWEST: Final = 20
-"""Elastic modes that are taken where there are as many below the frequency that a step resolves: relative motions have
-no inertia but that of the modes, and parts that nothing but contacts holds need one."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
 
@@ -234,11 +231,10 @@ def _modes(
     for i in (*tied.joints.bonded, *tied.joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    highest = highest_of(scene)
-    modes = ReducedAssembly.of(tied, bodies.dt, cutoff, viscosities)
-    while modes is not None and highest is None and len(modes.values) < FEWEST and cutoff < _SHARE / bodies.dt:
-        cutoff = min(2.0 * cutoff, _SHARE / bodies.dt)
-        modes = ReducedAssembly.of(tied, bodies.dt, cutoff, viscosities)
+    cutoffs = [cutoff]
+    while highest_of(scene) is None and cutoffs[-1] < _SHARE / bodies.dt:
+        cutoffs.append(min(2.0 * cutoffs[-1], _SHARE / bodies.dt))
+    modes, cutoff = ReducedAssembly.of(tied, bodies.dt, cutoffs, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff

@@ -158,7 +158,9 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     if outcome.resultants:
         rows.append(("balance", _balance(outcome.resultants, units)))
     # what is marched, where it is not the bodies; what is read from a folder
-    rows += [(name, outcome.settings[name]) for name in ("propagator", "operators") if name in outcome.settings]
+    rows += [
+        (name, outcome.settings[name]) for name in ("propagator", "bonds", "operators") if name in outcome.settings
+    ]
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
     lines = [f"  {label:<{width}}  {text}" for label, text in rows]

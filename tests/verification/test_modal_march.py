@@ -155,6 +155,20 @@ def test_damping_by_ratios_acts_on_relative_motions_as_on_modes() -> None:
     assert apart(bodies.sensors["tip"].velocity, modes.sensors["tip"].velocity) < 0.02
 
 
+def test_a_part_that_contacts_hold_has_the_inertia_of_enough_modes() -> None:
+    """A spectrum up to 8 kHz alone would take the few modes up to 32 kHz: more are taken, up to what the step resolves.
+    With three modes the iteration does not converge, and the run says so."""
+    scene = damped_by_ratios(lap())
+    scene["sensor"]["tip"]["spectrum"] = {"lowest": 500.0, "highest": 8000.0, "per_octave": 3}
+    few, enough = modal(scene), modal(scene)
+    few["solver"]["propagator"]["highest"] = 16e3
+    enough["solver"]["propagator"] = "modal"
+    solve(few, converged=False)
+    found = solve(enough)
+    assert found.converged
+    assert "up to 1e+05 Hz" in found.outcome.settings["propagator"]
+
+
 def test_gaps_of_closed_points_stay_closed(both: tuple[Solution, Solution]) -> None:
     history = both[1].interfaces["lap"]
     if history.gap is None or history.layer_energy is not None:
