@@ -81,14 +81,19 @@ class Motions:
 
     @cached_property
     def _relative(self) -> tuple[Array, Array]:
-        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; amplitudes (2, n_time, k)
-        of displacements and velocities."""
-        m = self.march.reduced.n_mode
-        r, v = self.histories[:, 0, m:], self.histories[:, 1, m:]
-        shapes = compressed(r - r[0])
-        amplitudes = np.stack([(r - r[0]) @ shapes, v @ shapes])
-        first = np.stack([np.ones((len(r), 1)), np.zeros((len(r), 1))])
-        return np.column_stack([r[0], shapes]), np.concatenate([first, amplitudes], axis=2)
+        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; amplitudes (3, n_time, k)
+        of displacements, velocities and accelerations: those of the march are of a scheme for what has no mass."""
+        m, dt = self.march.reduced.n_mode, self.march.bodies.dt
+        r, speed = self.histories[:, 0, m:] - self.histories[0, 0, m:], self.histories[:1, 1, m:]
+        shapes = compressed(r)
+        moved = r @ shapes
+        change = np.diff(moved, axis=0, prepend=-dt * (speed @ shapes))
+        # at the last instant, that of the step before
+        following = np.vstack([change[1:], change[-1:]])
+        amplitudes = np.stack([moved, 0.5 * (change + following) / dt, (following - change) / dt**2])
+        first = np.zeros((3, len(r), 1))
+        first[0] = 1.0
+        return np.column_stack([self.histories[0, 0, m:], shapes]), np.concatenate([first, amplitudes], axis=2)
 
     @cached_property
     def shapes(self) -> Array:
@@ -117,16 +122,14 @@ class Motions:
         first, m, n_time = reduced.rigid.shape[1], reduced.n_mode, len(self.histories)
         loads = drives.amplitudes[:, :n_time].T, drives.rates[:, :n_time].T / self.march.bodies.dt
         static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
+        shapes, relative = self._relative
+        of_relative = (reduced.marched_gamma @ shapes).T
         made = []
         for kind in range(3):
-            own = self.histories[:, kind, :m].copy()
-            if kind < 2:
-                # modes beyond what relative motions and loads make of them at rest
-                own[:, first:] -= self.histories[:, kind, m:] @ reduced.marched_gamma.T + loads[kind] @ static
-                relative, load = self._relative[1][kind], loads[kind]
-            else:
-                relative, load = np.zeros_like(self._relative[1][0]), np.zeros_like(loads[0])
-            made.append(np.hstack([own, relative, load, drives.motions[kind, :, :n_time].T]))
+            # modes beyond what relative motions and loads make of them at rest; loads have no inertia of their own
+            own, load = self.histories[:, kind, :m].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
+            own[:, first:] -= relative[kind] @ of_relative + load @ static
+            made.append(np.hstack([own, relative[kind], load, drives.motions[kind, :, :n_time].T]))
         return np.stack(made)
 
     def of(self, rows: sp.csr_array | Array, kind: int) -> Array:

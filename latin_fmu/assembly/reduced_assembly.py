@@ -13,7 +13,8 @@ equations of motion are
     S r - G^T lambda (zeta - G r) = f_r + Psi^T f_q - G^T Phi^T f_q + T^T area F
 
 with the stiffness S of r when the modes have settled, S = K_rr - K_rq K+ K_qr, and the tractions F of the contacts.
-Modes that are left out and r itself have no inertia of their own.
+Modes that are left out and r itself have no inertia of their own, but for that of parts which move as a whole
+(``rigid_parts``).
 
 A mode of frequency omega keeps it in the march: average acceleration takes a pole s of the motion for s~ with
 s = (2/dt) artanh(s~ dt/2), so that the march is given the poles s~ = (2/dt) tanh(s dt/2). With x = omega dt/2 what a
@@ -45,6 +46,7 @@ from ..propagator.lanczos import lowest_modes
 from ..propagator.vibration import DENSE
 from ..time_scheme import NO_BRANCHES, MaxwellBranches
 from .dynamic_stiffness import ProjectedStiffness, pole_of
+from .rigid_parts import RigidInertia, RigidParts
 from .tied_assembly import TiedAssembly, TieError
 
 MOST_MODES: Final = 400
@@ -156,7 +158,7 @@ class ReducedAssembly:
     ----------
     tied : the assembly. dt : step of the march, s. rigid, elastic : (n_free, k), mass-orthonormal. values : (m,) of
     the elastic modes, s-2. relative : S (n_r, n_r), N m-1. forces : loads (n, n_load) on [q, r] for amplitude 1, N.
-    solver : K+. viscosities : b of the damping b K by strains, s, by body.
+    solver : K+. viscosities : b of the damping b K by strains, s, by body. parts : what moves as a whole.
     """
 
     tied: TiedAssembly
@@ -168,10 +170,11 @@ class ReducedAssembly:
     forces: Array
     solver: StaticSolver
     viscosities: Mapping[str, float]
+    parts: RigidParts
 
     @staticmethod
     def of(
-        tied: TiedAssembly, dt: float, cutoffs: Sequence[float], viscosities: Mapping[str, float]
+        tied: TiedAssembly, parts: RigidParts, dt: float, cutoffs: Sequence[float], viscosities: Mapping[str, float]
     ) -> tuple[ReducedAssembly | None, float]:
         """The assembly without loads with its modes up to the first of ``cutoffs``, Hz, that gives ``FEWEST``, or the
         last one, and that frequency; None where they are too many."""
@@ -189,7 +192,7 @@ class ReducedAssembly:
         solver = StaticSolver(stiffness, mass, rigid, rank)
         stiff = relative_stiffness(tied, rigid)
         none = np.zeros((tied.mass.shape[0], 0))
-        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities), cutoff
+        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities, parts), cutoff
 
     def with_forces(self, forces: Array) -> ReducedAssembly:
         """The same under loads (n_full, n_load), N for amplitude 1."""
@@ -303,11 +306,23 @@ class ReducedAssembly:
         """G as it is marched, (m, n_r)."""
         return self.marched.g[:, None] * self.gamma
 
-    def elastic_rows(self) -> Array:
-        """Rows E (m, n_mode + n_r) of the stiffness E^T E of the modes, lambda on zeta - G r."""
+    @cached_property
+    def inertia(self) -> RigidInertia:
+        """The inertia of r that modes leave out of parts which move as a whole."""
+        n, forces = self.tied.n_free, self.parts.forces
+        on_modes = self.elastic.T @ forces[:n]
+        beyond = self._beyond_modes(forces, self.solver.solve(forces[:n])) - self.gamma.T @ on_modes
+        marched = np.vstack([self.rigid.T @ forces[:n], self.marched.g[:, None] * on_modes])
+        return self.parts.inertia_left(beyond, marched)
+
+    def rows(self) -> Array:
+        """Rows (m + j, n_mode + n_r): E of the stiffness E^T E of the modes, lambda on zeta - G r, then the inertia of r
+        in steps dt (``kernels.face``)."""
         first = self.rigid.shape[1]
-        rows = np.hstack([np.zeros((len(self.values), first)), np.eye(len(self.values)), -self.marched_gamma])
-        return np.asarray(np.sqrt(self.marched.values)[:, None] * rows)
+        elastic = np.hstack([np.zeros((len(self.values), first)), np.eye(len(self.values)), -self.marched_gamma])
+        inertia = self.inertia.rows
+        inertial = np.hstack([np.zeros((len(inertia), self.n_mode)), inertia / self.dt])
+        return np.vstack([np.sqrt(self.marched.values)[:, None] * elastic, inertial])
 
     def strain_rows(self) -> Array | None:
         """Rows A (k, n_mode + n_r) of the damping A^T A by strains, which acts on zeta' - G r' alone: modes that follow
@@ -337,10 +352,14 @@ class ReducedAssembly:
     def drives(self) -> Array:
         """Loads (n_mode + n_r, n_load) on the modes and on r, for amplitude 1."""
         n, on_modes = self.tied.n_free, self.marched.p[:, None] * (self.elastic.T @ self.forces[: self.tied.n_free])
-        on_rigid = self.rigid.T @ self.forces[:n]
-        on_relative = self.forces[n:] - self.coupling.T @ self.static_loads - self.rigid_share.T @ on_rigid
-        on_relative = on_relative - self.marched_gamma.T @ on_modes
-        return np.vstack([on_rigid, on_modes, on_relative])
+        on_relative = self._beyond_modes(self.forces, self.static_loads) - self.marched_gamma.T @ on_modes
+        return np.vstack([self.rigid.T @ self.forces[:n], on_modes, on_relative])
+
+    def _beyond_modes(self, forces: Array, static: Array) -> Array:
+        """f_r + Psi^T f_q (n_r, k) of forces (n, k) and K+ f_q (n_free, k)."""
+        n = self.tied.n_free
+        on_relative = forces[n:] - self.coupling.T @ static - self.rigid_share.T @ (self.rigid.T @ forces[:n])
+        return np.asarray(on_relative)
 
     def coordinates(self, q: Array, r: Array, loads: Array) -> Array:
         """Modes and r (n_mode + n_r,) of a motion q (n_free,), r (n_r,) under loads (n_load,)."""
@@ -355,7 +374,7 @@ class ReducedAssembly:
 def without_matrices(reduced: ReducedAssembly) -> ReducedAssembly:
     """The same without the matrices of the tied assembly, which a march and its results do not need: what follows from
     them is there."""
-    for name in ("coupling", "rigid_share", "gamma", "damping", "drag"):
+    for name in ("coupling", "rigid_share", "gamma", "damping", "drag", "inertia"):
         getattr(reduced, name)
     none = sp.csr_array((0, 0))
     made = replace(reduced, tied=replace(reduced.tied, stiffness=none, mass=none, damping=none))

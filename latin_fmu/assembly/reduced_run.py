@@ -32,6 +32,7 @@ from ..time_scheme import MasslessContact
 from .initial_state import InitialState
 from .models import ModelClass
 from .reduced_assembly import MOST_MODES, ReducedAssembly, without_matrices
+from .rigid_parts import RigidParts
 from .static_assembly import against_ground
 from .tied_assembly import TiedAssembly, TieError
 
@@ -234,7 +235,8 @@ def _modes(
     cutoffs = [cutoff]
     while highest_of(scene) is None and cutoffs[-1] < _SHARE / bodies.dt:
         cutoffs.append(min(2.0 * cutoffs[-1], _SHARE / bodies.dt))
-    modes, cutoff = ReducedAssembly.of(tied, bodies.dt, cutoffs, viscosities)
+    parts = RigidParts.of(tied, bodies.layout)
+    modes, cutoff = ReducedAssembly.of(tied, parts, bodies.dt, cutoffs, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff
@@ -310,9 +312,10 @@ def _model(
         face=FaceStiffness(
             stiffness,
             reduced.relative_viscosity,
-            reduced.elastic_rows(),
+            reduced.rows(),
             patches,
-            reduced.marched.shares,
+            np.append(reduced.marched.shares, np.zeros(len(reduced.inertia.root))),
             reduced.branches,
+            n_inertial=len(reduced.inertia.root),
         ),
     )

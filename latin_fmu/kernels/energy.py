@@ -46,7 +46,7 @@ from .energy_parts import (
     whole_field,
     whole_product,
 )
-from .face import relaxed_energy
+from .face import inertial_energy, relaxed_energy
 from .matrices import LOADS, add_sum
 from .maxwell import account_branches, account_explicit_branches, open_branches
 from .records import EXPLICIT, STATIC
@@ -87,6 +87,8 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC:
         add_product(pools, c, MASS, 1.0, v[:size], mass_v)
     state_energies(pools, c, u, v, mass_v, now[:wide], image)
+    if row.n_inertial > 0:
+        state[row.totals + KINETIC * m] += inertial_energy(pools, c)
     if row.n_branch > 0:
         # what an EXPLICIT class keeps is K u itself
         open_branches(pools, c, instant, image if row.kind == EXPLICIT else now[:wide], image)
@@ -197,11 +199,15 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
 
 @kernel
 def account_relaxed(pools: Any, c: int, totals: Array) -> None:
-    """Loss and elastic energy of the branches of a face and its rows over the step (``face``); of one member."""
+    """Losses over the step and energies of the branches of a face and its rows, and of the rows of inertia (``face``);
+    of one member."""
     row = pools.classes[c]
     if row.n_relaxing > 0:
         totals[DAMPED] += pools.moving[row.relaxed_loss]
         totals[ELASTIC] += relaxed_energy(pools, c)
+    if row.n_inertial > 0:
+        totals[KINETIC] += inertial_energy(pools, c)
+        totals[OF_SCHEME] += pools.moving[row.inertia_loss]
 
 
 @kernel

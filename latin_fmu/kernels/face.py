@@ -17,6 +17,10 @@ So r is a fixed linear function of the forces, S^-1 as it is stored; nothing add
 Maxwell branches (``maxwell``) act on S, and on the squares R^T R of modes row by row, each with a share of their
 strength. The elongations e of a branch enter by S e alone, those of rows by R e: both follow the recursion of e, so
 that they need no product either. phi = 1 + share sum_j g_j c_u.
+
+The last rows are inertia, R = N / dt for a mass N^T N of interface dofs that modes leave out: their force is
+R^T (R u - 2 R u_n + R u_n-1), which dissipates what is faster than the step, as a mass at a contact that opens and
+closes must.
 """
 
 from __future__ import annotations
@@ -37,6 +41,12 @@ Array = NDArray[np.float64]
 def rows_at(row: Any) -> int:
     """Place of R u (k,) in the state, R e of the branches (n_relaxing, k) behind it."""
     return int(row.face_state + 4 * row.n_inner)
+
+
+@kernel
+def earlier_at(row: Any) -> int:
+    """Place of R u (n_inertial,) one instant before, of the rows of inertia."""
+    return forces_at(row) + int(row.n_relaxing * row.n_inner)
 
 
 @kernel
@@ -141,6 +151,9 @@ def subtract_face(pools: Any, c: int) -> None:
         for i in range(k):
             elongation = kept * work[at + i] + moved * (free[i] - rows[i])
             strained[i] += pools.fixed[row.relaxing_shares + i] * strength * elongation
+    for i in range(row.n_inertial):
+        at = k - row.n_inertial + i
+        strained[at] = free[at] - 2.0 * rows[at] + work[earlier_at(row) + i]
     add_rows(pools, c, -1.0, strained, work[row.load : row.load + row.n])
     ratio, viscosity = run.velocity_gain / run.displacement_gain, pools.fixed[row.face_viscosity]
     phi, share = stiffened(pools, c, k), pools.fixed[row.relaxing_shares + k]
@@ -177,7 +190,8 @@ def keep_face_forces(pools: Any, c: int) -> None:
     energies, which alone need them; the solution in ``load``, forces beyond the reference tractions in ``inner``."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     viscosity = pools.fixed[row.face_viscosity] if row.on_face == 1 else 0.0
-    if row.on_face == 0 or (viscosity == 0.0 and row.n_relaxing == 0 and row.accounted == 0):
+    remembers = row.n_relaxing > 0 or row.n_inertial > 0 or row.accounted == 1
+    if row.on_face == 0 or (viscosity == 0.0 and not remembers):
         return
     n, k, size, ratio = row.n_inner, row.n_elastic, row.n, run.velocity_gain / run.displacement_gain
     solved, squares = work[row.load : row.load + size], work[row.mass_a : row.mass_a + size]
@@ -216,6 +230,11 @@ def _relax_rows(pools: Any, c: int, change: Array) -> None:
             lost += pools.fixed[row.relaxing_shares + i] * (old + new) ** 2
             work[at + i] = new
         work[row.relaxed_loss] += 0.5 * strength * relaxing(pools, c, HALF_RATIO, j) * lost
+    work[row.inertia_loss] = 0.0
+    for i in range(row.n_inertial):
+        at, earlier = k - row.n_inertial + i, work[earlier_at(row) + i]
+        work[row.inertia_loss] += 0.5 * (free[at] + change[at] - 2.0 * rows[at] + earlier) ** 2
+        work[earlier_at(row) + i] = rows[at]
     for i in range(k):
         rows[i] = free[i] + change[i]
 
@@ -254,6 +273,8 @@ def add_face_forces(pools: Any, c: int, elastic: bool, viscous: bool, out: Array
                 strength = pools.fixed[row.relaxing_shares + i] * relaxing(pools, c, STRENGTH, j)
                 total += strength * work[rows_at(row) + (1 + j) * k + i]
             strained[i] = total
+        for i in range(k - row.n_inertial, k):
+            strained[i] = 0.0
         add_rows(pools, c, 1.0, strained, out)
     for i in range(n if elastic else 0):
         out[pools.fixed_int[row.dofs + i]] += work[row.face_state + 2 * n + i]
@@ -264,6 +285,16 @@ def add_face_forces(pools: Any, c: int, elastic: bool, viscous: bool, out: Array
     for i in range(n if viscous else 0):
         rate = work[row.face_rate + i]
         out[pools.fixed_int[row.dofs + i]] += pools.fixed[row.face_viscosity] * rate
+
+
+@kernel
+def inertial_energy(pools: Any, c: int) -> float:
+    """Kinetic energy of the rows of inertia, by their mean velocity over the step, J."""
+    row, work, total = pools.classes[c], pools.moving, 0.0
+    first = rows_at(row) + row.n_elastic - row.n_inertial
+    for i in range(row.n_inertial):
+        total += 0.5 * (work[first + i] - work[earlier_at(row) + i]) ** 2
+    return float(total)
 
 
 @kernel

@@ -109,6 +109,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("viscous_rows", "constants (k, n): R, N0.5 s0.5 m-0.5"),
     ("n_elastic", "rows k of a stiffness R^T R beside K"),
     ("elastic_rows", "constants (k, n): R, N0.5 m-0.5"),
+    ("n_inertial", "how many of them, the last ones, are inertia of interface dofs (``face``)"),
     ("on_face", "1 where there is a stiffness S of the interface dofs beside K (``face``)"),
     ("face_viscosity", "constants (1,) if on_face: b of its damping b S, s"),
     ("n_relaxing", "Maxwell branches of S and of the rows of ``elastic_rows``"),
@@ -158,8 +159,9 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("elongation", "state (n_branch, n, m): elongations of the springs of the branches, m"),
     (
         "face_state",
-        "state (4 * g + (1 + n_relaxing) * n_elastic + 2 * n_relaxing * g,) if on_face: r_0 and S r_0 that the march "
-        "of the face is counted from, S r, S r'; R u and R e of its rows; e and S e of the branches of S (``face``)",
+        "state (4 * g + (1 + n_relaxing) * n_elastic + 2 * n_relaxing * g + n_inertial,) if on_face: r_0 and S r_0 "
+        "that the march of the face is counted from, S r, S r'; R u and R e of its rows; e and S e of the branches of "
+        "S; R u one instant before of the rows of inertia (``face``)",
     ),
     ("energy", "place of ``totals``, the first number of the account of energies, n_energy in all"),
     ("n_energy", "their number"),
@@ -179,6 +181,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("row_free", "work (n_elastic,) if on_face: R u of the predictors, N0.5 m0.5"),
     ("row_force", "work (n_elastic,) if on_face: scratch of rows"),
     ("relaxed_loss", "work (1,) if on_face: loss of their branches over the step, J"),
+    ("inertia_loss", "work (1,) if on_face: loss of the rows of inertia over the step, J"),
     ("face_load", "work (g,) if on_face: forces of the instant on the interface dofs, N"),
     ("face_rate", "work (g,) if on_face: S r' with the velocities that C acts on over the step, N s-1"),
     ("half_solution", "work (n, padded(m)): after the forward substitution, in tiles from TILED members on"),

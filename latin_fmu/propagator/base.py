@@ -125,7 +125,7 @@ class ClassState:
         if not row.get("on_face"):
             return None
         g, k, count = row["n_inner"], row["n_elastic"], row["n_relaxing"]
-        return self.part("face_state", 4 * g + (1 + count) * k + 2 * count * g)
+        return self.part("face_state", 4 * g + (1 + count) * k + 2 * count * g + row["n_inertial"])
 
     def put_on_face(self, forces: Array) -> None:
         """Set what ``face`` is."""
@@ -389,7 +389,9 @@ def _start_on_face(propagator: Propagator) -> None:
         count = len(face.branches)  # relaxed
         relaxed = np.zeros(count * (len(face.rows) + 2 * len(dofs)))
         on_rows = face.rows @ state.u[:, 0]
-        state.put_on_face(np.concatenate([place, force, force, face.matrix @ speed, on_rows, relaxed]))
+        inertial = slice(len(face.rows) - face.n_inertial, None)
+        earlier = on_rows[inertial] - propagator.dt * (face.rows[inertial] @ state.v[:, 0])
+        state.put_on_face(np.concatenate([place, force, force, face.matrix @ speed, on_rows, relaxed, earlier]))
 
 
 def nodal_forces(propagator: Propagator, traction: Array) -> Array:

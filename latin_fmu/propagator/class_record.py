@@ -243,6 +243,7 @@ def constants(
         row["n_viscous"], row["viscous_rows"] = len(ops.modal), block.put(ops.modal)
     if face is not None:
         row["n_elastic"], row["elastic_rows"] = len(face.rows), block.put(face.rows)
+        row["n_inertial"] = face.n_inertial
         row |= {"on_face": 1, "face_viscosity": block.put(np.array([face.viscosity])), "n_relaxing": len(face.branches)}
         row["relaxing"] = block.put(face.branches.weights(propagator.scheme, propagator.dt))
         row["relaxing_shares"] = block.put(np.append(face.row_shares, face.share))

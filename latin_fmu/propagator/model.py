@@ -199,12 +199,14 @@ class FaceStiffness:
     """Stiffness of a model beside its sparse matrix: dense among interface dofs, and of squares of modes.
 
     K has S on the interface dofs and E^T E more, C has b S more. Maxwell branches act on both, each row and S with a
-    share of their strength. Each of these dofs is a channel of its own, and there is one substructure like it.
+    share of their strength. The last rows are inertia in steps dt, N / dt for a mass N^T N of interface dofs, in kg0.5
+    s-1. Each of these dofs is a channel of its own, and there is one substructure like it.
 
     Attributes
     ----------
     matrix : S (g, g), N m-1, in the order of the interface dofs. viscosity : b, s. rows : E (k, n), N0.5 m-0.5.
     patches : rows of S, patch by patch (``patches``). branches : with row_shares (k,) for the rows, share for S.
+    n_inertial : how many of the rows are inertia.
     """
 
     matrix: Array
@@ -214,6 +216,7 @@ class FaceStiffness:
     row_shares: Array
     branches: MaxwellBranches = NO_BRANCHES
     share: float = 1.0
+    n_inertial: int = 0
 
     def stiffening(self, scheme: TimeScheme, dt: float) -> tuple[Array, float]:
         """Factors of the squares of the rows (k,), and of S, in the operator of the march."""
@@ -222,7 +225,8 @@ class FaceStiffness:
 
     def stiffness(self, u: Array, dofs: Index) -> Array:
         """S u and E^T E u for u (n, m), N."""
-        force: Array = self.rows.T @ (self.rows @ u)
+        elastic = self.rows[: len(self.rows) - self.n_inertial]
+        force: Array = elastic.T @ (elastic @ u)
         force[dofs] += self.matrix @ u[dofs]
         return force
 
