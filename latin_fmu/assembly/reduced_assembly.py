@@ -316,7 +316,7 @@ class ReducedAssembly:
         return self.parts.inertia_left(beyond, marched)
 
     def rows(self) -> Array:
-        """Rows (m + j, n_mode + n_r): E of the stiffness E^T E of the modes, lambda on zeta - G r, then the inertia of r
+        """Rows (m + j, n_mode + n_r): E of the stiffness E^T E of the modes, lambda on zeta - G r, then inertia of r
         in steps dt (``kernels.face``)."""
         first = self.rigid.shape[1]
         elastic = np.hstack([np.zeros((len(self.values), first)), np.eye(len(self.values)), -self.marched_gamma])

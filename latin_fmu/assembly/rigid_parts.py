@@ -96,8 +96,8 @@ class RigidParts:
 
 
 def _of_body(model: SubstructureModel) -> Array:
-    """Rigid motions (n_full, 6) of a body alone: translations, and rotations about its middle over its size; the motions
-    that a rigid body has."""
+    """Rigid motions (n_full, 6) of a body alone: translations, and rotations about its middle over its size; those
+    of a rigid body are its dofs."""
     if model.nodal is not None or model.positions is None:
         return np.eye(model.n_full, 6)
     arms = model.positions - model.positions.mean(axis=0)
