@@ -232,27 +232,18 @@ def _modes(
     for i in (*tied.joints.bonded, *tied.joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    cutoffs = [cutoff]
-    while highest_of(scene) is None and cutoffs[-1] < _SHARE / bodies.dt:
-        cutoffs.append(min(2.0 * cutoffs[-1], _SHARE / bodies.dt))
-    parts = RigidParts.of(tied, bodies.layout)
-    modes, cutoff = ReducedAssembly.of(tied, parts, bodies.dt, cutoffs, viscosities)
+    modes = ReducedAssembly.of(tied, RigidParts.of(tied, bodies.layout), bodies.dt, cutoff, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff
 
 
-def highest_of(scene: Scene) -> float | None:
-    """Frequency up to which the scene asks for modes, Hz; None where it leaves that to the program."""
-    table = scene.solver.propagator
-    return table.highest if isinstance(table, ModalPropagatorTable) else None
-
-
 def cutoff_of(scene: Scene, dt: float) -> float:
     """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else ``_BEYOND`` times the highest one
     of its spectra."""
-    if (highest := highest_of(scene)) is not None:
-        return highest
+    table = scene.solver.propagator
+    if isinstance(table, ModalPropagatorTable) and table.highest is not None:
+        return table.highest
     asked = [s.spectrum.highest for s in scene.sensor.values() if s.spectrum is not None and s.spectrum.highest]
     return min(_BEYOND * max(asked), _SHARE / dt) if asked else _SHARE / dt
 

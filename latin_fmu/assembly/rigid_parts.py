@@ -26,7 +26,7 @@ from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from .tied_assembly import TiedAssembly, jump_rows
 
-_STRAIN_FREE: Final = 1e-10  # of the largest strain of a rigid motion
+_STRAIN_FREE: Final = 1e-10  # of a unit motion, and its force over the largest stiffness of a dof
 _WITHOUT_MASS: Final = 1e-10  # of the largest mass
 _LEFT: Final = 1e-3  # of the mass of a part: less of it is left to the modes
 
@@ -69,7 +69,8 @@ class RigidParts:
         motions = np.zeros((tied.jump.shape[1], 6 * len(tied.models)))
         for i, model in enumerate(tied.models):
             motions[tied.where[model.name], 6 * i : 6 * i + 6] = _of_body(model)
-        motions = motions @ la.null_space(_strains(tied, layout, motions), rcond=_STRAIN_FREE)
+        _, strains, turn = la.svd(_strains(tied, layout, motions))
+        motions = motions @ turn[strains < _STRAIN_FREE].T
         pulled = np.asarray(tied.full[1] @ motions)
         return RigidParts(
             np.asarray(tied.expansion.T @ pulled), np.asarray(tied.jump @ motions), np.asarray(motions.T @ pulled)
