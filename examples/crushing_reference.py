@@ -22,9 +22,9 @@ from example_tools import BLUE, GREEN, MODELS, ORANGE, options, save, table, tid
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Quantities, measure_solution
 from latin_fmu.accuracy.study import FILE, physics_of
 from latin_fmu.results.quantities_of_interest import Force
+from latin_fmu.run_quantities import Quantities, measure_solution
 
 SCENE = MODELS / "two_specimen_crushing" / "scene.toml"
 SPEED = float(np.sqrt(210e9 * 0.7 / (1.3 * 0.4) / 7800.0))  # pressure waves in steel, m/s

@@ -23,9 +23,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Quantities, measure_solution
 from latin_fmu.accuracy.runs import Resolution, aligned, at_resolution, run_at
 from latin_fmu.accuracy.study import declared
+from latin_fmu.run_quantities import Quantities, measure_solution
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Description, bolted_stack, half_sine
 

@@ -13,21 +13,18 @@ from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from .assembly.build import discretise, solver_ready
+from .assembly.build import discretise
 from .assembly.checks import body_lines
 from .assembly.copies import Marched, marched_beside
-from .assembly.free_bodies import loss_of_equilibrium
 from .assembly.models import Kept, KeptOperators
-from .assembly.problem import DiscretisedProblem, SolverReadyProblem
-from .assembly.propagator_choice import by_modes, chosen_propagators
+from .assembly.problem import SolverReadyProblem
 from .assembly.sensitivities import Tangents
 from .assembly.statics import Stage
 from .assembly.supports import port_lines
-from .assembly.tied_assembly import TieError
 from .assembly.untouched import touched
 from .assembly.yielding_bolts import Yielding
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
-from .errors import InputError, LatinError, Problems, ResultsError, SolverError
+from .errors import InputError, LatinError, ResultsError, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
@@ -38,9 +35,11 @@ from .latin.recorder import Recorder
 from .latin.solver import IterationEvent, WindowFields
 from .latin.windows import Run, RunControl
 from .machine import one_thread, peak_memory
+from .preparation import Attempt, Prepared, prepared
 from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
+from .results.estimates import TruncationError
 from .results.sensitivities import CHECKED, Sensitivities, scalars_of
 from .results.sensors import spectra_of
 from .results.solution import Solution
@@ -224,44 +223,25 @@ def solve(
     array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
-    timings, limit = Timings(), _CpuLimit(max_cpu, clock.process_time())
+    limit = _CpuLimit(max_cpu, clock.process_time())
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
     # observers and given first guesses see all interfaces
-    leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
-    looked_at = observer is not None or fields is not None
+    looked_at, yielding = observer is not None or fields is not None, Yielding(scene)
+    attempt = Attempt(
+        leave_out=(observer, behaviours, fields, processes) == (None,) * 4,
+        yielding=yielding,
+        looked_at=looked_at,
+        # studies compare runs, which are marched alike
+        modes_open=kept is None and not looked_at and not yielding.tables,
+    )
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     # derivatives take the histories of all instants from the memory
     stream = None if scene.differentiated else stream
-    while True:
-        problem, prediction, tangent = _made(
-            scene, behaviours, kept, stream is not None, processes, (leave_out, yielding, looked_at)
-        )
-        if stream is not None:
-            check_folder(stream, least_output(prediction))
-        timings.setup = clock.process_time() - limit.begin
-        left_out = problem.untouched
-        names = [] if left_out is None else [*left_out.info]
-        digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
-        options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
-        try:
-            outcome, recorder = _marched(problem, timings, options, wall, digest)
-        except ResultsError:
-            if left_out is None:
-                raise
-            leave_out = False  # the checkpoint may be of a run with all bodies
-            continue
-        if left_out is not None and touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
-            leave_out = False
-        elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
-            break
-        # its time counts as set-up: the limit begins where it did
-        timings = Timings()  # the run is void
-        if checkpoint is not None:
-            checkpoint.remove()
-        if outcome.stream is not None:
-            outcome.stream.close()
+    options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
+    ended = _attempted(scene, attempt, (behaviours, kept), options, limit, wall)
+    (problem, prediction, tangent, _), outcome, recorder, timings, truncation = ended
     faults = yielding.faults()
     outcome = replace(
         outcome,
@@ -269,6 +249,8 @@ def solve(
         faults=(*outcome.faults, *faults),
         status=with_faults(outcome.status, faults),
     )
+    if truncation is not None:
+        outcome = replace(outcome, settings=outcome.settings | {"error of the modes": truncation.in_words()})
     if outcome.converged:
         timings.predicted = prediction.march
     outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress, limit)
@@ -282,7 +264,81 @@ def solve(
         units=scene.unit_system,
         sensitivities=sensitivities,
         bands=bands,
+        truncation=truncation,
     )
+
+
+class _Ended(NamedTuple):
+    """A run that stands: what was run, its outcome, and the error of a march by modes that the program has chosen."""
+
+    ready: Prepared
+    outcome: Outcome
+    recorder: Recorder
+    timings: Timings
+    truncation: TruncationError | None
+
+
+def _attempted(
+    scene: Scene,
+    attempt: Attempt,
+    given: tuple[Mapping[str, Behaviour] | None, KeptOperators | None],
+    options: RunOptions,
+    limit: _CpuLimit,
+    wall: float,
+) -> _Ended:
+    """Run a scene until a run stands; ``given`` : behaviours and operators as for ``solve``."""
+    checkpoint, stream = options.checkpoint, options.stream
+    while True:
+        ready = prepared(scene, *given, stream is not None, options.processes, attempt)
+        problem, left_out, timings = ready.problem, ready.problem.untouched, Timings()
+        if stream is not None:
+            check_folder(stream, least_output(ready.prediction))
+        timings.setup = clock.process_time() - limit.begin
+        names = [] if left_out is None else [*left_out.info]
+        names += ["by modes"] if ready.tries_modes else []
+        digest = "" if checkpoint is None else scene_digest(scene, [*(given[0] or ()), *names])
+        try:
+            outcome, recorder = _marched(problem, timings, options, wall, digest)
+        except ResultsError:
+            if left_out is None and not ready.tries_modes:
+                raise
+            # the checkpoint may be of a run of the bodies, or with all of them
+            modes_open = attempt.modes_open and not ready.tries_modes
+            attempt = replace(attempt, leave_out=attempt.leave_out and ready.tries_modes, modes_open=modes_open)
+            continue
+        another, truncation = _another(scene, attempt, ready, outcome, limit)
+        if another is None:
+            return _Ended(ready, outcome, recorder, timings, truncation)
+        # the run is void; its time counts as set-up: the limit begins where it did
+        attempt = another
+        if checkpoint is not None:
+            checkpoint.remove()
+        if outcome.stream is not None:
+            outcome.stream.close()
+
+
+def _another(
+    scene: Scene, attempt: Attempt, ready: Prepared, outcome: Outcome, limit: _CpuLimit
+) -> tuple[Attempt | None, TruncationError | None]:
+    """The attempt that follows a run, None where it stands, and the error of modes that the program has chosen."""
+    left_out, yielding = ready.problem.untouched, attempt.yielding
+    if left_out is not None and touched([outcome.interfaces[n] for n in left_out.sides], ready.problem.assembly.dt):
+        return replace(attempt, leave_out=False), None
+    if ready.tries_modes and not outcome.interrupted:
+        from .effects.modal_choice import truncation_of
+
+        def march(coarser: SolverReadyProblem) -> Outcome:
+            return _marched(coarser, Timings(), RunOptions(max_cpu=limit.left), None, "")[0]
+
+        begin = clock.process_time()
+        truncation, refused = truncation_of(scene, ready.prediction.discretised, ready.problem, outcome, march)
+        outcome.timings.other += clock.process_time() - begin
+        if not refused:
+            return None, truncation
+        words = f"{refused}; the try took {clock.process_time() - limit.begin:.3g} s of CPU"
+        return replace(attempt, modes_open=False, modes_refused=words), None
+    another = yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)
+    return (attempt if another else None), None
 
 
 @dataclass(frozen=True)
@@ -418,85 +474,6 @@ def _larger(scene: Scene, made: Sensitivities) -> tuple[dict[int, Scene], dict[i
         except InputError as error:
             why[i] = str(error.problems[0])
     return larger, why
-
-
-def _made(
-    scene: Scene,
-    behaviours: Mapping[str, Behaviour] | None,
-    kept: KeptOperators | None,
-    stream: bool,
-    processes: Processes | None,
-    how: tuple[bool, Yielding, bool],
-) -> tuple[SolverReadyProblem, Prediction, Tangents | None]:
-    """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
-    parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, bolts that
-    yield, and whether iterates are looked at."""
-    wanted = bool(scene.differentiated)
-    # shared with the scenes in which the parameters are varied
-    kept = KeptOperators() if kept is None and wanted else kept
-    with one_thread(), nullcontext() if processes is None else processes.agreed():
-        discretised = discretise(scene, behaviours, kept, how[0] and not wanted)
-        discretised = replace(discretised, elongation=how[1].elongation)
-        prediction = Prediction(discretised)
-        check_memory(prediction, stream)
-        if processes is not None:
-            check_distributable(discretised, processes.size)
-        tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None) if wanted else None
-        stages = None if tangent is None else tangent.stages
-        size = 1 if processes is None else processes.size
-        modal, reasons = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
-        try:
-            at_once = False
-            if scene.time.quasi_static:
-                from .assembly.static_fields import solved_at_once
-
-                at_once = solved_at_once(scene, discretised, wanted or size > 1 or how[2])
-            grouped, why = None, ""
-            if not (modal or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
-                from .effects.march_choice import cheaper_march
-
-                restricted = behaviours is not None or wanted or size > 1 or how[2]
-                grouped, prediction, why = cheaper_march(discretised, prediction, restricted)
-            problem = solver_ready(discretised, {}, size, stages, modal, at_once, grouped)
-            problem = replace(problem, bonds=f"iterated: {why}") if why else problem
-        except TieError as error:
-            modal, reasons = False, [str(error)]
-        if reasons:
-            # with the time scheme that suits the bodies
-            plain = scene.replace("solver.propagator", "automatic")
-            problem, prediction, tangent = _made(plain, behaviours, kept, stream, processes, how)
-            words = [f"marched body by body and not by the modes of the assembly: {reason}" for reason in reasons]
-            problem = replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
-            return problem, prediction, tangent
-        if scene.time.quasi_static:
-            lost = loss_of_equilibrium(discretised)
-            for held in (problem.assembly, problem.assembly if problem.reduced is None else problem.reduced.assembly):
-                held.lost = lost
-    return problem, prediction, tangent
-
-
-def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
-    """Make sure that the substructures of a problem can be distributed over ``size`` processes.
-
-    Raises
-    ------
-    InputError : names the settings that need a single process.
-    """
-    solver, n = discretised.scene.solver, len(discretised.bodies)
-    problems = Problems()
-    if size > n:
-        problems.add("mpiexec -n", "more processes than substructures", str(size), f"at most {n}")
-    if solver.threads > 1:
-        what = "threads and processes cannot be combined"
-        problems.add("solver.threads", what, str(solver.threads), "1", "start more processes instead")
-    if solver.skip_at_rest == "tolerance":
-        what = "substructures of a class are skipped at rest together, but are distributed over processes"
-        problems.add("solver.skip_at_rest", what, "tolerance", "off, exact, round_off")
-    if chosen_propagators(discretised.scene, discretised.classes)[0].kind == "cg":
-        what, remedy = "conjugate gradients run in one process", "choose another propagator, or use fewer unknowns"
-        problems.add("solver.propagator", what, "cg", remedy=remedy)
-    if problems:
-        raise InputError(problems, "the run cannot be distributed over processes")
 
 
 def run(

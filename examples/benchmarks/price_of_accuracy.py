@@ -20,9 +20,9 @@ from harness import tools
 
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import Choice, choose
-from latin_fmu.accuracy.quantities import measure_solution
 from latin_fmu.accuracy.runs import run_at
 from latin_fmu.accuracy.study import Row, Study, cheapest, main_variant, study, variants_of
+from latin_fmu.run_quantities import measure_solution
 from latin_fmu.scene.schema import Scene
 
 QUANTITIES = {

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +21,7 @@ from ..assembly.body import elasticity_of
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..latin.processes import Processes
-from ..results.estimates import MOST_OF_HISTORY, ErrorEstimate, QuantityEstimate
+from ..results.estimates import MOST_OF_HISTORY, ErrorEstimate, QuantityEstimate, TruncationError
 from ..results.quantities_of_interest import (
     DISPLACEMENT,
     FIRST_CONTACT,
@@ -35,10 +35,10 @@ from ..results.quantities_of_interest import (
 )
 from ..results.solution import Solution
 from ..results.spectra import spectrum_error
+from ..run_quantities import ELEMENTS_PER_WAVE, Quantities, Signal, measure_solution, relative, resolved_frequency
 from ..scene.boundaries import AXES
 from ..scene.fields import split_face
 from ..scene.schema import Scene
-from .quantities import ELEMENTS_PER_WAVE, Quantities, Signal, measure_solution, resolved_frequency
 from .runs import (
     FEWEST_STEPS,
     Resolution,
@@ -173,15 +173,6 @@ def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if quotient(middle) < quarter / half else (low, middle)
     return 0.5 * (low + high)
-
-
-def relative(quantity: str, scale: Quantities, a: Quantities, b: Quantities) -> float:
-    """Change of a quantity between two runs, divided by its scale in a third; 0 where the scale is 0, NaN where a run
-    does not have it."""
-    if quantity not in a.values or quantity not in b.values:
-        return math.nan
-    divisor = scale.scales[quantity]
-    return a.change(quantity, b, scale) / divisor if divisor > 0.0 else 0.0
 
 
 def same_way(quantity: str, fine: Quantities, half: Quantities, quarter: Quantities) -> bool:
@@ -391,6 +382,9 @@ def estimate_error(
     True
     """
     start = clock.process_time()
+    # a mesh that can be coarsened has an error of its own
+    if solution.truncation is not None and not coarsens_mesh(scene):
+        return told_by_modes(scene, solution, solution.truncation)
     plan = coarser_runs_of(scene, third=solution.timings.predicted > LONG)
     if plan is None:
         return ErrorEstimate((), ("too few time steps for an estimate",))
@@ -427,6 +421,16 @@ def estimate_error(
     estimates = plan.estimates(lean, fine, coarser)
     spectra = spectrum_errors(fine, coarser["half"], 1.0 / plan.half.time) if "half" in coarser else {}
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
+
+
+def told_by_modes(scene: Scene, solution: Solution, told: TruncationError) -> ErrorEstimate:
+    """Estimate of a march by modes from the second one that told its error: nothing is run."""
+    plan = CoarserRuns(Resolution(1.0, 0.5), None, (UNREFINED,) if mesh_files(scene) else ())
+    fine = measure_solution(scene, solution)
+    half = measure_solution(scene, replace(solution, outcome=told.coarse))
+    estimates = plan.estimates(scene, fine, {"half": half})
+    remarks = *plan.remarks, *band_remarks(scene, solution, list(solution.sensors))
+    return ErrorEstimate(estimates, remarks, 0.0, spectrum_errors(fine, half, 2.0))
 
 
 def band_remarks(scene: Scene, solution: Solution, sensors: Sequence[str]) -> list[str]:

@@ -26,10 +26,10 @@ from ..latin.outcome import InterfaceHistory
 from ..results.quantities_of_interest import ACCELERATION_PEAK
 from ..results.solution import Solution
 from ..results.summary import aligned
+from ..run_quantities import Signal, measure_solution
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
 from ..scene.schema import Scene, with_settings
-from .quantities import Signal, measure_solution
 from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_factor, message_of
 
 CHEAPER: Final = 0.05

@@ -18,11 +18,11 @@ from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
 from ..latin.outcome import Array, SensorHistory, Timings
 from ..results.solution import Solution
+from ..run_quantities import Quantities, measure_solution
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AutomaticScheme, GeneralizedAlphaTable, HHTTable
 from ..scene.substructures import MAX_REFINEMENTS, MeshFile, Substructure
-from .quantities import Quantities, measure_solution
 
 FEWEST_STEPS: Final = 8
 """Least number of time steps of a coarser run."""

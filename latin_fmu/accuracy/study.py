@@ -27,12 +27,12 @@ from ..results.quantities_of_interest import FLOOR, Force
 from ..results.solution import Solution
 from ..results.summary import aligned as columns
 from ..results.summary import percent
+from ..run_quantities import Quantities, measure_solution, of_force, relative
 from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
 from .adaptive_resolution import choose, is_target
-from .estimate import coarser_runs_of, estimate_error, observed_order, relative, same_way
-from .quantities import Quantities, measure_solution, of_force
+from .estimate import coarser_runs_of, estimate_error, observed_order, same_way
 from .runs import (
     Log,
     MeasuredRun,

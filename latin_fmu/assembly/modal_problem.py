@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from ..machine import give_back_memory
 from ..remarks import remarks_of
 from ..time_scheme import MasslessContact
 from .body_motions import standing_bodies
 from .initial_state import InitialState
 from .problem import DiscretisedProblem, SolverReadyProblem, ready
-from .reduced_run import reduced_march
+from .reduced_run import ReducedMarch, reduced_march
 
 
-def modal_problem(discretised: DiscretisedProblem, start: InitialState | None) -> SolverReadyProblem:
-    """The problem with its assembly ready to be marched by modes, from an equilibrium where there is one.
+def modal_problem(
+    discretised: DiscretisedProblem, start: InitialState | None, finer: ReducedMarch | None = None
+) -> SolverReadyProblem:
+    """The problem with its assembly ready to be marched by modes, from an equilibrium where there is one; ``finer`` : a
+    march in shorter steps, of whose modes some are taken.
 
     Raises
     ------
@@ -22,6 +29,17 @@ def modal_problem(discretised: DiscretisedProblem, start: InitialState | None) -
     give_back_memory()  # of the static start
     bodies = discretised.bodies.items()
     viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}
-    march = reduced_march(discretised.scene, classes, assembly, start, viscosities)
+    march = reduced_march(discretised.scene, classes, assembly, start, viscosities, finer)
     warnings = (*discretised.remarks, *(() if start is None else remarks_of("start", start.remarks)))
     return ready(discretised, assembly, (warnings, timeline, start, march.scheme_in_words, {}), march)
+
+
+def coarser_problem(
+    discretised: DiscretisedProblem, start: InitialState | None, march: ReducedMarch
+) -> SolverReadyProblem:
+    """The problem in steps twice as long and with fewer modes, which tells the error of ``march``; histories of
+    interfaces, sensors and bolts alone."""
+    count = -(-discretised.scene.time.n_step // 2)
+    time = np.linspace(0.0, discretised.scene.time.end, count + 1)
+    problem = modal_problem(replace(discretised, time=time), start, march)
+    return replace(problem, output=replace(problem.output, energy=False, fields=False, stress=False))

@@ -311,9 +311,16 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
 
 def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[str]]:
     """Whether an assembly is to be marched by its modes, and why it is not although the scene asks for it;
-    ``restricted`` : whether the caller takes laws of its own, derivatives, several processes, or looks at iterates."""
+    ``restricted`` : as for ``modes_refused``."""
     if not isinstance(scene.solver.propagator, tables.ModalPropagatorTable):
         return False, []
+    reasons = modes_refused(scene, restricted)
+    return not reasons, reasons
+
+
+def modes_refused(scene: Scene, restricted: bool) -> list[str]:
+    """Why an assembly cannot be marched by its modes; ``restricted`` : whether the caller takes laws of its own,
+    derivatives, several processes, or looks at iterates."""
     reasons = {
         "without inertia there are no modes": scene.time.quasi_static,
         f"time.scheme {scene.time.scheme.type} is one of bodies": scene.time.scheme.type in _OF_BODIES,
@@ -324,8 +331,7 @@ def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[str]]:
         "windows of several instants are marched body by body": scene.solver.window != 1,
         "laws of the caller, derivatives, observers and several processes take the bodies one by one": restricted,
     }
-    given = [reason for reason, holds in reasons.items() if holds]
-    return not given, given
+    return [reason for reason, holds in reasons.items() if holds]
 
 
 def interfaces_of(scene: Scene) -> Interfaces:

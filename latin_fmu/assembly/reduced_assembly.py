@@ -29,7 +29,7 @@ would be right at one frequency alone, and what modes far above a frequency and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -51,6 +51,9 @@ from .tied_assembly import TiedAssembly, TieError
 
 MOST_MODES: Final = 400
 """Elastic modes at most."""
+FEWEST: Final = 20
+"""Elastic modes that are taken where there are as many below the frequency that a step resolves: they cost next to
+nothing, and forces of contacts and their friction have no band."""
 _LARGEST: Final = 1.2
 """Largest omega dt / 2 of a mode that is marched."""
 _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
@@ -58,6 +61,7 @@ _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motio
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _COLUMNS: Final = 96  # that are solved together: vectors of all dofs
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
+_OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "damping", "drag", "beyond")  # of the tied assembly
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
 
@@ -171,25 +175,25 @@ class ReducedAssembly:
 
     @staticmethod
     def of(
-        tied: TiedAssembly, parts: RigidParts, dt: float, cutoff: float, viscosities: Mapping[str, float]
-    ) -> ReducedAssembly | None:
-        """The assembly without loads with its modes up to ``cutoff``, Hz; None where they are too many."""
+        tied: TiedAssembly, parts: RigidParts, dt: float, cutoffs: Sequence[float], viscosities: Mapping[str, float]
+    ) -> tuple[ReducedAssembly | None, float]:
+        """The assembly without loads with its modes up to the first of ``cutoffs``, Hz, that gives ``FEWEST``, or the
+        last one, and that frequency; None where they are too many."""
         n = tied.n_free
         stiffness, mass = (sp.csr_array(matrix[:n, :n]) for matrix in (tied.stiffness, tied.mass))
         rank = None if tied.rank is None else tied.rank[:n]
-        limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
-        found = lowest(stiffness, mass, rank, limit)
+        for cutoff in cutoffs:
+            limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
+            found = lowest(stiffness, mass, rank, limit)
+            if found is None or len(found[1]) >= FEWEST:
+                break
         if found is None:
-            return None
+            return None, cutoff
         rigid, values, elastic = found
         solver = StaticSolver(stiffness, mass, rigid, rank)
         stiff = relative_stiffness(tied, rigid)
         none = np.zeros((tied.mass.shape[0], 0))
-        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities, parts)
-
-    def with_forces(self, forces: Array) -> ReducedAssembly:
-        """The same under loads (n_full, n_load), N for amplitude 1."""
-        return replace(self, forces=np.asarray(self.tied.expansion.T @ forces))
+        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities, parts), cutoff
 
     @property
     def n_mode(self) -> int:
@@ -302,33 +306,15 @@ class ReducedAssembly:
     @cached_property
     def inertia(self) -> RigidInertia:
         """The inertia of r that modes leave out of parts which move as a whole."""
-        n, forces = self.tied.n_free, self.parts.forces
-        on_modes = self.elastic.T @ forces[:n]
-        beyond = self._beyond_modes(forces, self.solver.solve(forces[:n])) - self.gamma.T @ on_modes
-        marched = np.vstack([self.rigid.T @ forces[:n], self.marched.g[:, None] * on_modes])
-        return self.parts.inertia_left(beyond, marched)
+        forces = self.parts.forces[: self.tied.n_free]
+        on_modes = self.elastic.T @ forces
+        marched = np.vstack([self.rigid.T @ forces, self.marched.g[:, None] * on_modes])
+        return self.parts.inertia_left(self.beyond - self.gamma.T @ on_modes, marched)
 
-    def rows(self) -> Array:
-        """Rows (m + j, n_mode + n_r): E of the stiffness E^T E of the modes, lambda on zeta - G r, then inertia of r
-        in steps dt (``kernels.face``)."""
-        first = self.rigid.shape[1]
-        elastic = np.hstack([np.zeros((len(self.values), first)), np.eye(len(self.values)), -self.marched_gamma])
-        inertia = self.inertia.rows
-        inertial = np.hstack([np.zeros((len(inertia), self.n_mode)), inertia / self.dt])
-        return np.vstack([np.sqrt(self.marched.values)[:, None] * elastic, inertial])
-
-    def strain_rows(self) -> Array | None:
-        """Rows A (k, n_mode + n_r) of the damping A^T A by strains, which acts on zeta' - G r' alone: modes that follow
-        a relative motion without delay are not strained by it; None without such damping."""
-        first = self.rigid.shape[1]
-        strained = (self.damping - self.drag)[first:, first:].copy()
-        np.fill_diagonal(strained, self.marched.damping - self.drag.diagonal()[first:])
-        sizes, turn = la.eigh(0.5 * (strained + strained.T))
-        sound = sizes > _ROUND_OFF * max(sizes.max(initial=0.0), np.finfo(float).tiny)
-        if not sound.any():
-            return None
-        rows = np.sqrt(sizes[sound])[:, None] * turn[:, sound].T
-        return np.hstack([np.zeros((len(rows), first)), rows, -rows @ self.marched_gamma])
+    @cached_property
+    def beyond(self) -> Array:
+        """Inertia (n_r, k), kg, of r in motions of parts as a whole, that of all modes included."""
+        return self._beyond_modes(self.parts.forces, self.solver.solve(self.parts.forces[: self.tied.n_free]))
 
     @property
     def relative_viscosity(self) -> float:
@@ -349,28 +335,74 @@ class ReducedAssembly:
         return np.vstack([self.rigid.T @ self.forces[:n], on_modes, on_relative])
 
     def _beyond_modes(self, forces: Array, static: Array) -> Array:
-        """f_r + Psi^T f_q (n_r, k) of forces (n, k) and K+ f_q (n_free, k)."""
+        """f_r + Psi^T f_q (n_r, k) of forces (n, k) and their static response K+ f_q (n_free, k)."""
         n = self.tied.n_free
         on_relative = forces[n:] - self.coupling.T @ static - self.rigid_share.T @ (self.rigid.T @ forces[:n])
         return np.asarray(on_relative)
 
-    def coordinates(self, q: Array, r: Array, loads: Array) -> Array:
-        """Modes and r (n_mode + n_r,) of a motion q (n_free,), r (n_r,) under loads (n_load,)."""
-        n, first = self.tied.n_free, self.rigid.shape[1]
-        pulled = self.tied.mass[:n] @ np.concatenate([q, r])
-        static = self.gamma @ r + (self.elastic.T @ (self.forces[:n] @ loads)) / self.values
-        moved = (self.elastic.T @ pulled - static) / self.marched.p
-        drives = self.drives[first : self.n_mode] @ loads / self.marched.values
-        return np.concatenate([self.rigid.T @ pulled, moved + self.marched_gamma @ r + drives, r])
+
+def with_forces(reduced: ReducedAssembly, forces: Array) -> ReducedAssembly:
+    """The same under loads (n_full, n_load), N for amplitude 1."""
+    made = replace(reduced, forces=np.asarray(reduced.tied.expansion.T @ forces))
+    # what follows from matrices that may be gone
+    made.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES if name in reduced.__dict__})
+    return made
+
+
+def marched_rows(reduced: ReducedAssembly) -> Array:
+    """Rows (m + j, n_mode + n_r): E of the stiffness E^T E of the modes, lambda on zeta - G r, then inertia of r
+    in steps dt (``kernels.face``)."""
+    first = reduced.rigid.shape[1]
+    elastic = np.hstack([np.zeros((len(reduced.values), first)), np.eye(len(reduced.values)), -reduced.marched_gamma])
+    inertia = reduced.inertia.rows
+    inertial = np.hstack([np.zeros((len(inertia), reduced.n_mode)), inertia / reduced.dt])
+    return np.vstack([np.sqrt(reduced.marched.values)[:, None] * elastic, inertial])
+
+
+def strain_rows(reduced: ReducedAssembly) -> Array | None:
+    """Rows A (k, n_mode + n_r) of the damping A^T A by strains, which acts on zeta' - G r' alone: modes that follow
+    a relative motion without delay are not strained by it; None without such damping."""
+    first = reduced.rigid.shape[1]
+    strained = (reduced.damping - reduced.drag)[first:, first:].copy()
+    np.fill_diagonal(strained, reduced.marched.damping - reduced.drag.diagonal()[first:])
+    sizes, turn = la.eigh(0.5 * (strained + strained.T))
+    sound = sizes > _ROUND_OFF * max(sizes.max(initial=0.0), np.finfo(float).tiny)
+    if not sound.any():
+        return None
+    rows = np.sqrt(sizes[sound])[:, None] * turn[:, sound].T
+    return np.hstack([np.zeros((len(rows), first)), rows, -rows @ reduced.marched_gamma])
+
+
+def coordinates(reduced: ReducedAssembly, q: Array, r: Array, loads: Array) -> Array:
+    """Modes and r (n_mode + n_r,) of a motion q (n_free,), r (n_r,) under loads (n_load,)."""
+    n, first = reduced.tied.n_free, reduced.rigid.shape[1]
+    pulled = reduced.tied.mass[:n] @ np.concatenate([q, r])
+    static = reduced.gamma @ r + (reduced.elastic.T @ (reduced.forces[:n] @ loads)) / reduced.values
+    moved = (reduced.elastic.T @ pulled - static) / reduced.marched.p
+    drives = reduced.drives[first : reduced.n_mode] @ loads / reduced.marched.values
+    return np.concatenate([reduced.rigid.T @ pulled, moved + reduced.marched_gamma @ r + drives, r])
+
+
+def coarser(reduced: ReducedAssembly, dt: float, cutoff: float) -> ReducedAssembly:
+    """The same, without loads, for longer steps dt and with the modes up to a lower ``cutoff``, Hz, alone."""
+    some = reduced.values <= min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
+    every = np.concatenate([np.ones(reduced.rigid.shape[1], dtype=bool), some])
+    none = np.zeros((len(reduced.forces), 0))
+    made = replace(reduced, dt=dt, elastic=reduced.elastic[:, some], values=reduced.values[some], forces=none)
+    # what follows from matrices that may be gone
+    of_modes = {name: getattr(reduced, name)[np.ix_(every, every)] for name in ("damping", "drag")}
+    same = {name: getattr(reduced, name) for name in ("coupling", "rigid_share", "beyond")}
+    made.__dict__.update(of_modes | same | {"gamma": reduced.gamma[some]})
+    return made
 
 
 def without_matrices(reduced: ReducedAssembly) -> ReducedAssembly:
-    """The same without the matrices of the tied assembly, which a march and its results do not need: what follows from
-    them is there."""
-    for name in ("coupling", "rigid_share", "gamma", "damping", "drag", "inertia"):
+    """The same without stiffness and damping of the tied assembly, which a march and its results do not need: what
+    follows from them is there."""
+    for name in _OF_MATRICES:
         getattr(reduced, name)
     none = sp.csr_array((0, 0))
-    made = replace(reduced, tied=replace(reduced.tied, stiffness=none, mass=none, damping=none))
+    made = replace(reduced, tied=replace(reduced.tied, stiffness=none, damping=none))
     fixed = {field.name for field in fields(reduced)}
     made.__dict__.update({name: value for name, value in reduced.__dict__.items() if name not in fixed})
     return made

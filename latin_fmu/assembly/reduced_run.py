@@ -31,7 +31,16 @@ from ..scene.settings import ModalPropagatorTable
 from ..time_scheme import MasslessContact
 from .initial_state import InitialState
 from .models import ModelClass
-from .reduced_assembly import MOST_MODES, ReducedAssembly, without_matrices
+from .reduced_assembly import (
+    MOST_MODES,
+    ReducedAssembly,
+    coarser,
+    coordinates,
+    marched_rows,
+    strain_rows,
+    with_forces,
+    without_matrices,
+)
 from .rigid_parts import RigidParts
 from .static_assembly import against_ground
 from .tied_assembly import TiedAssembly, TieError
@@ -39,6 +48,8 @@ from .tied_assembly import TiedAssembly, TieError
 _SEARCH: Final = 3.3  # factor on the search direction
 _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
 _SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
+COARSER: Final = 2.0
+"""Cut-off of the modes of a march over that of the one that tells its error."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly."""
 
@@ -171,21 +182,23 @@ def reduced_march(
     bodies: Assembly,
     start: InitialState | None,
     viscosities: Mapping[str, float],
+    finer: ReducedMarch | None = None,
 ) -> ReducedMarch:
     """The reduced assembly of a scene.
 
     classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
     start : the equilibrium that the motion starts from. viscosities : b of the damping b K by strains, s, by body.
+    finer : of the same scene in shorter steps, whose modes up to 1 / ``COARSER`` of its cut-off are taken.
 
     Raises
     ------
     TieError : an assembly that cannot be reduced.
     """
     units, dt = bodies.interfaces, bodies.dt
-    modes, cutoff = _modes(scene, classes, bodies, viscosities)
+    modes, cutoff = _modes(scene, classes, bodies, viscosities) if finer is None else _fewer_modes(finer, dt)
     tied = modes.tied
     drives = drives_of(tied, modes, bodies)
-    reduced = modes.with_forces(drives.forces)
+    reduced = with_forces(modes, drives.forces)
     relative = tied.joints.relative
     alone = [against_ground(units[i]) for i in relative]
     layout = Layout(alone)
@@ -232,18 +245,33 @@ def _modes(
     for i in (*tied.joints.bonded, *tied.joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    modes = ReducedAssembly.of(tied, RigidParts.of(tied, bodies.layout), bodies.dt, cutoff, viscosities)
+    cutoffs = [cutoff]
+    while highest_of(scene) is None and cutoffs[-1] < _SHARE / bodies.dt:
+        cutoffs.append(min(2.0 * cutoffs[-1], _SHARE / bodies.dt))
+    parts = RigidParts.of(tied, bodies.layout)
+    modes, cutoff = ReducedAssembly.of(tied, parts, bodies.dt, cutoffs, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff
 
 
+def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
+    """Those of a march in steps dt, s, that tells the error of a finer one."""
+    cutoff = finer.cutoff / COARSER
+    return coarser(finer.reduced, dt, cutoff), cutoff
+
+
+def highest_of(scene: Scene) -> float | None:
+    """Frequency up to which the scene asks for modes, Hz; None where it leaves that to the program."""
+    table = scene.solver.propagator
+    return table.highest if isinstance(table, ModalPropagatorTable) else None
+
+
 def cutoff_of(scene: Scene, dt: float) -> float:
     """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else ``_BEYOND`` times the highest one
     of its spectra."""
-    table = scene.solver.propagator
-    if isinstance(table, ModalPropagatorTable) and table.highest is not None:
-        return table.highest
+    if (highest := highest_of(scene)) is not None:
+        return highest
     asked = [s.spectrum.highest for s in scene.sensor.values() if s.spectrum is not None and s.spectrum.highest]
     return min(_BEYOND * max(asked), _SHARE / dt) if asked else _SHARE / dt
 
@@ -270,7 +298,7 @@ def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) ->
         full = own - drives.shapes @ drives.motions[kind, :, 0]
         parts = [closest_reduced(m.expansion, full[tied.where[m.name], None])[:, 0] for m in tied.models]
         q, r = np.concatenate(parts)[tied.free], np.asarray(tied.jump @ full)
-        made.append(reduced.coordinates(q, r, loads))
+        made.append(coordinates(reduced, q, r, loads))
     return made[0], made[1]
 
 
@@ -299,11 +327,11 @@ def _model(
         velocity=start[1],
         imposed_pattern=np.zeros((n, 0)),
         imposed_start=np.zeros(0),
-        viscous_rows=reduced.strain_rows(),
+        viscous_rows=strain_rows(reduced),
         face=FaceStiffness(
             stiffness,
             reduced.relative_viscosity,
-            reduced.rows(),
+            marched_rows(reduced),
             patches,
             np.append(reduced.marched.shares, np.zeros(len(reduced.inertia.root))),
             reduced.branches,

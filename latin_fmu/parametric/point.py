@@ -31,7 +31,6 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
-from ..accuracy.quantities import measure
 from ..accuracy.runs import message_of
 from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
@@ -56,6 +55,7 @@ from ..results.quantities_of_interest import (
 from ..results.sensitivities import bolt_scalars, scalars_of, sensor_scalars
 from ..results.solution import Solution
 from ..results.spread import linear_results, results_in, spectrum_groups
+from ..run_quantities import measure
 from ..scene.describe import unit_at
 from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain

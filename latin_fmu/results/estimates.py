@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..latin.outcome import Array
+from ..latin.outcome import Array, Outcome
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import rows
@@ -52,6 +52,33 @@ class QuantityEstimate:
     def relative_error(self) -> float:
         """The estimated error, at least 0.1 %."""
         return max(self.error, FLOOR)
+
+
+@dataclass(frozen=True)
+class TruncationError:
+    """Error of a march by modes that the program has chosen.
+
+    Attributes
+    ----------
+    errors : relative, by quantity (``run_quantities``). coarse : of the march that tells it, in longer steps with fewer
+        modes.
+    """
+
+    errors: dict[str, float]
+    coarse: Outcome
+
+    @property
+    def largest(self) -> tuple[str, float]:
+        """The quantity with the largest error, and that; infinite where one cannot be told."""
+        if not self.errors:
+            return "", math.inf
+        name = max(self.errors, key=lambda q: np.nan_to_num(self.errors[q], nan=np.inf))
+        return name, float(np.nan_to_num(self.errors[name], nan=np.inf))
+
+    def in_words(self) -> str:
+        """The largest error and its quantity."""
+        name, error = self.largest
+        return f"{100.0 * error:.2g} % ({name})" if np.isfinite(error) else f"not known ({name or 'no quantity'})"
 
 
 _NUMBERS: Final = rows(

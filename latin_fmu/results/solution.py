@@ -15,7 +15,7 @@ from ..machine import provenance
 from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
 from .dataset import Recovered, datatree, result_blocks, result_groups, root_group
-from .estimates import ErrorEstimate
+from .estimates import ErrorEstimate, TruncationError
 from .files import write_groups
 from .groups import StoredGroup, in_units
 from .sensitivities import Sensitivities
@@ -69,6 +69,8 @@ class Solution:
     units : system of units of the scene, which labels the results.
     sensitivities : derivatives by parameters of the scene; None where none are requested.
     bands : bands of results from parameters that scatter; None where none do.
+    truncation : error of a march by modes that the program has chosen; None where the bodies were marched, or the scene
+        asks for modes.
 
     Examples
     --------
@@ -89,6 +91,7 @@ class Solution:
     units: UnitSystem = SI
     sensitivities: Sensitivities | None = None
     bands: Bands | None = None
+    truncation: TruncationError | None = None
 
     status = _of(lambda o: o.status, "One sentence, with a remedy where the run did not converge.")
     converged = _of(
@@ -188,7 +191,10 @@ class Solution:
         text = f"  cost  {self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
             text += f", estimate of the errors by coarser runs {self.estimate.cpu:.2g} s more"
-        remarks = () if self.estimate is None else self.estimate.remarks
+        remarks = [] if self.estimate is None else [*self.estimate.remarks]
+        if self.truncation is not None:
+            marched = self.outcome.settings["propagator"]
+            remarks.append(f"marched by {marched}; error of that, told by a coarser one: {self.truncation.in_words()}")
         notes = (line for remark in remarks for line in wrapped("note", remark))
         return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]
 

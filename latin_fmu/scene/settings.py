@@ -303,7 +303,8 @@ class Accuracy(SceneTable):
 
 
 class AutomaticPropagator(SceneTable):
-    """The one that suits the time scheme: explicit for central differences, else direct."""
+    """The one that suits the scene: explicit for central differences, modal where it costs far less and its error is
+    below `reduction_error`, else direct."""
 
     type: Literal["automatic"] = "automatic"
 
@@ -335,8 +336,9 @@ class ReducedPropagatorTable(SceneTable):
 class ModalPropagatorTable(SceneTable):
     """Vibration modes of the whole assembly, tied at its joints, and the static relative motions of its contacts: what
     an instant costs depends on the contacts, not on the mesh. For bolted assemblies in steps longer than waves take
-    through an element. What modes above `highest` and waves inside a body do is lost, and how much that is is not
-    estimated. A scene that asks for more than this march has is marched as by `automatic`, and a remark says why."""
+    through an element. What modes above `highest` and waves inside a body do is lost; taken by `automatic`, how much
+    that is is estimated. A scene that asks for more than this march has is marched body by body, and a remark says
+    why."""
 
     type: Literal["modal"] = "modal"
     highest: Annotated[
@@ -509,6 +511,12 @@ class Solver(SceneTable):
     ] = "sequential"
 
     propagator: Annotated[Propagator, about("how substructures are integrated in time")] = AutomaticPropagator()
+    reduction_error: Annotated[
+        Real,
+        about(
+            "largest error of any quantity up to which `automatic` marches an assembly by its modes", "1", gt=0, lt=1
+        ),
+    ] = 0.02
     precision: Annotated[
         Literal["float64", "float32"],
         about(

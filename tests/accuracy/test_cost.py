@@ -12,7 +12,6 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.quantities import Quantities
 from latin_fmu.accuracy.runs import MeasuredRun, Resolution, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
@@ -35,6 +34,7 @@ from latin_fmu.accuracy.study import (
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.reader import load_scene
+from latin_fmu.run_quantities import Quantities
 from latin_fmu.scene.settings import MasslessContactTable
 from latin_fmu.time_scheme import SCHEMES
 

@@ -21,7 +21,6 @@ from latin_fmu.accuracy.estimate import (
     observed_order,
     quantity_estimate,
 )
-from latin_fmu.accuracy.quantities import Quantities
 from latin_fmu.accuracy.runs import (
     MeasuredRun,
     Resolution,
@@ -37,6 +36,7 @@ from latin_fmu.cli import main
 from latin_fmu.errors import Problem
 from latin_fmu.results.estimates import ErrorEstimate
 from latin_fmu.results.quantities_of_interest import FORCE_RMS, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST, Force
+from latin_fmu.run_quantities import Quantities
 
 from ..test_cli import SCENE
 from ..verification.known_answers import MODELS, shipped

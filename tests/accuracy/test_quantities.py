@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Quantities, add_bolt, measure, measure_solution, of_force
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.accuracy.study import FILE, declared, physics_of
 from latin_fmu.latin.outcome import BoltHistory
 from latin_fmu.parametric.point import QUANTITIES
 from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST, RUN_SCALARS, Force
 from latin_fmu.results.sensitivities import bolt_scalars
+from latin_fmu.run_quantities import Quantities, add_bolt, measure, measure_solution, of_force
 from latin_fmu.scene.settings import QUANTITY_OWNERS
 
 from ..results import synthetic

@@ -8,9 +8,9 @@ import pytest
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import choose
 from latin_fmu.accuracy.estimate import element_transit, estimate_error
-from latin_fmu.accuracy.quantities import Band, Quantities, Signal, add_sensor, measure_solution, resolved_frequency
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.latin.outcome import SensorHistory
+from latin_fmu.run_quantities import Band, Quantities, Signal, add_sensor, measure_solution, resolved_frequency
 from latin_fmu.scene.materials import MaterialTable
 from latin_fmu.scene.sensors import LowPass, Sensor, Spectrum
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Band, Quantities, add_sensor, of_force
 from latin_fmu.accuracy.runs import in_short_windows
 from latin_fmu.latin.outcome import SensorHistory
 from latin_fmu.results.quantities_of_interest import Force
+from latin_fmu.run_quantities import Band, Quantities, add_sensor, of_force
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, bar, column, thrown, two_boxes
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import pytest
 
 from latin_fmu.accuracy.adaptive_resolution import Choice, _Search, choose
-from latin_fmu.accuracy.quantities import measure_solution
 from latin_fmu.accuracy.runs import Resolution
 from latin_fmu.accuracy.study import Reference, declared
+from latin_fmu.run_quantities import measure_solution
 
 from .known_answers import shipped
 

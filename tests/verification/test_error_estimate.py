@@ -18,9 +18,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy.estimate import coarser_runs_of, estimate_error
-from latin_fmu.accuracy.quantities import measure_solution
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.results.quantities_of_interest import FLOOR
+from latin_fmu.run_quantities import measure_solution
 
 from . import solid_strangers
 from .known_answers import Known, impact_bar, known, thrown_on_wall

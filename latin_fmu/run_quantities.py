@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from ..assembly.body import elasticity_of
-from ..latin.outcome import Array, BoltHistory, InterfaceHistory, SensorHistory
-from ..results.quantities_of_interest import (
+from .assembly.body import elasticity_of
+from .latin.outcome import Array, BoltHistory, InterfaceHistory, SensorHistory
+from .results.quantities_of_interest import (
     ACCELERATION_PEAK,
     CONTACT_SHARE,
     DISPLACEMENT,
@@ -41,11 +41,11 @@ from ..results.quantities_of_interest import (
     closing_time,
     definition_of,
 )
-from ..results.sensors import low_pass, uniform_step
-from ..results.solution import Solution
-from ..results.spectra import LINES, ShockSpectrum, shock_response_spectrum
-from ..scene.schema import Scene
-from ..scene.sensors import Filter, LowPass, Sensor, highest_frequency, nyquist
+from .results.sensors import low_pass, uniform_step
+from .results.solution import Solution
+from .results.spectra import LINES, ShockSpectrum, shock_response_spectrum
+from .scene.schema import Scene
+from .scene.sensors import Filter, LowPass, Sensor, highest_frequency, nyquist
 
 ELEMENTS_PER_WAVE: Final = 8
 """Elements per length of a pressure wave at the highest frequency of the band."""
@@ -366,3 +366,12 @@ def _until_vectors(time: Array, values: Array, end: float) -> Signal:
     inside = time < end * (1.0 - 1e-12)
     whole = Signal(time, values)
     return Signal(np.append(time[inside], end), np.vstack([values[inside], whole.at(np.array([end]))]))
+
+
+def relative(quantity: str, scale: Quantities, a: Quantities, b: Quantities) -> float:
+    """Change of a quantity between two runs, divided by its scale in a third; 0 where the scale is 0, NaN where a run
+    does not have it."""
+    if quantity not in a.values or quantity not in b.values:
+        return math.nan
+    divisor = scale.scales[quantity]
+    return a.change(quantity, b, scale) / divisor if divisor > 0.0 else 0.0

@@ -1,0 +1,145 @@
+"""Whether the program marches an assembly by its modes where the scene leaves the choice to it, and the error of that.
+
+It does where that march costs far less than that of the bodies, and its error can be told and is small: steps longer
+than waves take through an element, few relative motions, faces that neither land nor are hit by a front.
+
+Its error is told by a second march in steps twice as long with the modes up to half the frequency. Both leave out what
+modes above their cut-off and shorter steps would add; an error of order p is the change from one to the other over
+2^p - 1. Exact modes with static responses of those left out are of order two in both; 2^p - 1 = 2 is taken, since
+contacts that open and slide are of less. The friction work has the work of the errors of the iteration besides, which
+both share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Final, cast
+
+import numpy as np
+
+from ..assembly.modal_problem import coarser_problem
+from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
+from ..assembly.propagator_choice import modes_refused
+from ..assembly.tied_assembly import Joints, TieError
+from ..fem.contact_layer import longest_edge
+from ..latin.outcome import InterfaceHistory, Outcome
+from ..machine import one_thread
+from ..results.estimates import TruncationError
+from ..results.quantities_of_interest import FRICTION_WORK, PEAK_FORCE_RAW, definition_of
+from ..results.solution import Solution
+from ..run_quantities import measure_solution, relative
+from ..scene.fields import split_face
+from ..scene.schema import Scene
+from ..scene.settings import AutomaticPropagator, AutomaticScheme, ModalPropagatorTable
+
+MOST_RELATIVE: Final = 4000
+"""Relative motions at most: their stiffness is a dense matrix."""
+PAYS: Final = 20.0
+"""Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
+_CHANGE: Final = 2.0  # change of a quantity over its error (module docstring)
+_APART: Final = 0.1  # of the size of a body: contacts that move further meet other points
+
+
+def tries_modes(discretised: DiscretisedProblem) -> bool:
+    """Whether the march by modes suits a scene that leaves the choice to the program."""
+    scene = discretised.scene
+    automatic = isinstance(scene.solver.propagator, AutomaticPropagator) and isinstance(
+        scene.time.scheme, AutomaticScheme
+    )
+    if not automatic or modes_refused(scene, False) or discretised.histories:
+        return False
+    # else bodies land, or a front reaches their faces
+    if discretised.scheme.name != "hht":
+        return False
+    return 0 < _relative(discretised) <= MOST_RELATIVE and _long_steps(discretised)
+
+
+def by_choice(discretised: DiscretisedProblem) -> DiscretisedProblem:
+    """The problem of a scene that asks for modes."""
+    # not by its text: interfaces that a search has found are in the scene of the problem alone
+    solver = discretised.scene.solver.model_copy(update={"propagator": ModalPropagatorTable()})
+    return replace(discretised, scene=discretised.scene.model_copy(update={"solver": solver}))
+
+
+def truncation_of(
+    scene: Scene,
+    discretised: DiscretisedProblem,
+    problem: SolverReadyProblem,
+    outcome: Outcome,
+    march: Callable[[SolverReadyProblem], Outcome],
+) -> tuple[TruncationError | None, str]:
+    """Error of a march by modes that the program has chosen, and why it is given up; empty where it is not.
+
+    discretised, problem, outcome : of the march. march : solves the problem whose march tells the error.
+    """
+    tried = "the march by modes was tried, and "
+    if not outcome.converged:
+        return None, f"{tried}{outcome.status.partition('.')[0]}"
+    if name := _apart(discretised, outcome.interfaces):
+        return None, f"{tried}the sides of {name} have moved on each other by more than a tenth of a body"
+    with one_thread():
+        coarser = coarser_problem(discretised, problem.start, cast(Any, problem.reduced))
+    other = march(coarser)
+    if not other.converged:
+        return None, f"{tried}the one that tells its error {other.status.partition('.')[0]}"
+    truncation, most = truncation_error(scene, outcome, other), scene.solver.reduction_error
+    if truncation.largest[1] <= most:
+        return truncation, ""
+    return None, f"{tried}its error {truncation.in_words()} is above solver.reduction_error ({100 * most:.3g} %)"
+
+
+def truncation_error(scene: Scene, fine: Outcome, coarse: Outcome) -> TruncationError:
+    """Error of a march by modes, from one in longer steps with fewer modes (module docstring)."""
+    first, second = (measure_solution(scene, solution_of(scene, outcome)) for outcome in (fine, coarse))
+    asked = [q for q in first.values if definition_of(q) is not PEAK_FORCE_RAW]
+    errors = {q: relative(q, first, first, second) / _CHANGE for q in asked}
+    share = _work_of_errors(fine)
+    for quantity in asked:
+        if definition_of(quantity) is FRICTION_WORK:
+            errors[quantity] += share
+    return TruncationError(errors, coarse)
+
+
+def solution_of(scene: Scene, outcome: Outcome) -> Solution:
+    """What a scene has for a solution, without its fields."""
+    return Solution(outcome, scene.text(), scene.name, sensor_tables=scene.sensor, units=scene.unit_system)
+
+
+def _work_of_errors(outcome: Outcome) -> float:
+    """Work of the errors of the iteration over what friction takes; 0 where energies are not followed."""
+    energy = outcome.energy
+    if energy is None or "drift_work" not in energy:
+        return 0.0
+    friction = float(np.abs(energy["friction_dissipation"]).max(initial=0.0))
+    return float(np.abs(energy["drift_work"]).max(initial=0.0)) / friction if friction > 0.0 else 0.0
+
+
+def _apart(discretised: DiscretisedProblem, interfaces: Mapping[str, InterfaceHistory]) -> str:
+    """An interface whose sides have moved on each other by more than a share of the smaller body; empty for none."""
+    for unit in discretised.units:
+        history = interfaces.get(unit.name)
+        if history is None or not unit.behaviour.opens:
+            continue
+        names = [name for name, _ in map(split_face, unit.sides) if name in discretised.bodies]
+        size = min(float(np.ptp(discretised.bodies[name].mesh.nodes, axis=0).max()) for name in names)
+        moved = np.cumsum(history.velocity[1:, 0] - history.velocity[1:, 1], axis=0) * discretised.dt
+        if float(np.linalg.norm(moved, axis=2).max(initial=0.0)) > _APART * size:
+            return unit.name
+    return ""
+
+
+def _relative(discretised: DiscretisedProblem) -> int:
+    """Number of relative motions of contacts; 0 where a joint cannot be followed."""
+    try:
+        joints = Joints.of(discretised.units)
+    except TieError:
+        return 0
+    return sum(discretised.layout.channels(i, 0).size for i in joints.relative)
+
+
+def _long_steps(discretised: DiscretisedProblem) -> bool:
+    """Whether waves cross every element of every elastic body within a step."""
+    bodies = [body for body in discretised.bodies.values() if not body.rigid]
+    transits = [longest_edge(b.shape.mesh) / b.shape.fast_elasticity.bar_speed for b in bodies]
+    return bool(transits) and max(transits) <= discretised.dt
