@@ -29,7 +29,7 @@ would be right at one frequency alone, and what modes far above a frequency and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -51,9 +51,6 @@ from .tied_assembly import TiedAssembly, TieError
 
 MOST_MODES: Final = 400
 """Elastic modes at most."""
-FEWEST: Final = 20
-"""Elastic modes that are taken where there are as many below the frequency that a step resolves: they cost next to
-nothing, and forces of contacts and their friction have no band."""
 _LARGEST: Final = 1.2
 """Largest omega dt / 2 of a mode that is marched."""
 _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
@@ -175,25 +172,21 @@ class ReducedAssembly:
 
     @staticmethod
     def of(
-        tied: TiedAssembly, parts: RigidParts, dt: float, cutoffs: Sequence[float], viscosities: Mapping[str, float]
-    ) -> tuple[ReducedAssembly | None, float]:
-        """The assembly without loads with its modes up to the first of ``cutoffs``, Hz, that gives ``FEWEST``, or the
-        last one, and that frequency; None where they are too many."""
+        tied: TiedAssembly, parts: RigidParts, dt: float, cutoff: float, viscosities: Mapping[str, float]
+    ) -> ReducedAssembly | None:
+        """The assembly without loads with its modes up to ``cutoff``, Hz; None where they are too many."""
         n = tied.n_free
         stiffness, mass = (sp.csr_array(matrix[:n, :n]) for matrix in (tied.stiffness, tied.mass))
         rank = None if tied.rank is None else tied.rank[:n]
-        for cutoff in cutoffs:
-            limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
-            found = lowest(stiffness, mass, rank, limit)
-            if found is None or len(found[1]) >= FEWEST:
-                break
+        limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
+        found = lowest(stiffness, mass, rank, limit)
         if found is None:
-            return None, cutoff
+            return None
         rigid, values, elastic = found
         solver = StaticSolver(stiffness, mass, rigid, rank)
         stiff = relative_stiffness(tied, rigid)
         none = np.zeros((tied.mass.shape[0], 0))
-        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities, parts), cutoff
+        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities, parts)
 
     @property
     def n_mode(self) -> int:

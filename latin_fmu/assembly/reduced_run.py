@@ -46,8 +46,8 @@ from .static_assembly import against_ground
 from .tied_assembly import TiedAssembly, TieError
 
 _SEARCH: Final = 3.3  # factor on the search direction
-_BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
-_SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
+_SHARE: Final = 0.2  # of the inverse of the step: frequency up to which modes are taken
+_BEYOND: Final = 4.0  # the same over the highest frequency of a spectrum, at least
 COARSER: Final = 2.0
 """Cut-off of the modes of a march over that of the one that tells its error."""
 NAME = "assembly"
@@ -245,11 +245,7 @@ def _modes(
     for i in (*tied.joints.bonded, *tied.joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    cutoffs = [cutoff]
-    while highest_of(scene) is None and cutoffs[-1] < _SHARE / bodies.dt:
-        cutoffs.append(min(2.0 * cutoffs[-1], _SHARE / bodies.dt))
-    parts = RigidParts.of(tied, bodies.layout)
-    modes, cutoff = ReducedAssembly.of(tied, parts, bodies.dt, cutoffs, viscosities)
+    modes = ReducedAssembly.of(tied, RigidParts.of(tied, bodies.layout), bodies.dt, cutoff, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
     return modes, cutoff
@@ -261,19 +257,18 @@ def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float
     return coarser(finer.reduced, dt, cutoff), cutoff
 
 
-def highest_of(scene: Scene) -> float | None:
-    """Frequency up to which the scene asks for modes, Hz; None where it leaves that to the program."""
-    table = scene.solver.propagator
-    return table.highest if isinstance(table, ModalPropagatorTable) else None
-
-
 def cutoff_of(scene: Scene, dt: float) -> float:
-    """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else ``_BEYOND`` times the highest one
-    of its spectra."""
-    if (highest := highest_of(scene)) is not None:
-        return highest
-    asked = [s.spectrum.highest for s in scene.sensor.values() if s.spectrum is not None and s.spectrum.highest]
-    return min(_BEYOND * max(asked), _SHARE / dt) if asked else _SHARE / dt
+    """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else what the steps resolve."""
+    table = scene.solver.propagator
+    if isinstance(table, ModalPropagatorTable) and table.highest is not None:
+        return table.highest
+    return _SHARE / dt
+
+
+def steps_resolve_spectra(scene: Scene, dt: float) -> bool:
+    """Whether steps dt, s, march the modes that the spectra of a scene ask for."""
+    spectra = [sensor.spectrum for sensor in scene.sensor.values() if sensor.spectrum is not None]
+    return all(_BEYOND * spectrum.last(dt) <= _SHARE / dt * (1.0 + 1e-9) for spectrum in spectra)
 
 
 def _ground_velocity(bodies: Assembly, i: int) -> Array:

@@ -5,10 +5,9 @@ than waves take through an element, few relative motions, faces that neither lan
 
 Its error is told by a second march in steps twice as long with the modes up to half the frequency. Both leave out what
 modes above their cut-off and shorter steps would add; an error of order p is the change from one to the other over
-2^p - 1. Exact modes with static responses of those left out are of order two in both; 2^p - 1 = 1.5 is taken, since
-contacts that open and slide are of less. In a spectrum the change at a frequency is the error of the second march
-there, and by its steps and modes that of the first one at twice the frequency: near the end of the band the second
-march has no modes at all. The friction work has the work of the errors of the iteration besides, which both share.
+2^p - 1. Exact modes with static responses of those left out are of order two in both; contacts that open and slide are
+of less: 2^p - 1 is taken as 2 for spectra and as 1.6 for all else. The friction work has the work of the errors of the
+iteration besides, which both share.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ import numpy as np
 from ..assembly.modal_problem import coarser_problem
 from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
 from ..assembly.propagator_choice import modes_refused
+from ..assembly.reduced_run import steps_resolve_spectra
 from ..assembly.tied_assembly import Joints, TieError
 from ..fem.contact_layer import longest_edge
 from ..latin.outcome import InterfaceHistory, Outcome
@@ -29,7 +29,7 @@ from ..machine import one_thread
 from ..results.estimates import TruncationError
 from ..results.quantities_of_interest import FRICTION_WORK, PEAK_FORCE_RAW, SPECTRUM, definition_of
 from ..results.solution import Solution
-from ..run_quantities import Quantities, Signal, measure_solution, relative
+from ..run_quantities import measure_solution, relative
 from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..scene.settings import AutomaticPropagator, AutomaticScheme, ModalPropagatorTable
@@ -38,8 +38,8 @@ MOST_RELATIVE: Final = 4000
 """Relative motions at most: their stiffness is a dense matrix."""
 PAYS: Final = 20.0
 """Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
-_CHANGE: Final = 1.5  # change of a quantity over its error (module docstring)
-_LOWER: Final = 0.5 + 1e-9  # part of the band of a spectrum where the second march is what the first is in all
+_CHANGE: Final = 1.6  # change of a quantity over its error (module docstring)
+_OF_SPECTRUM: Final = 2.0  # the same of a spectrum
 _APART: Final = 0.1  # of the size of a body: contacts that move further meet other points
 
 
@@ -53,6 +53,9 @@ def tries_modes(discretised: DiscretisedProblem) -> bool:
         return False
     # else bodies land, or a front reaches their faces
     if discretised.scheme.name != "hht":
+        return False
+    # the modes that a spectrum asks for take shorter steps
+    if not steps_resolve_spectra(scene, discretised.dt):
         return False
     return 0 < _relative(discretised) <= MOST_RELATIVE and _long_steps(discretised)
 
@@ -95,22 +98,13 @@ def truncation_error(scene: Scene, fine: Outcome, coarse: Outcome) -> Truncation
     """Error of a march by modes, from one in longer steps with fewer modes (module docstring)."""
     first, second = (measure_solution(scene, solution_of(scene, outcome)) for outcome in (fine, coarse))
     asked = [q for q in first.values if definition_of(q) is not PEAK_FORCE_RAW]
-    errors = {q: _error(q, first, second) for q in asked}
+    orders = {q: _OF_SPECTRUM if definition_of(q) is SPECTRUM else _CHANGE for q in asked}
+    errors = {q: relative(q, first, first, second) / orders[q] for q in asked}
     share = _work_of_errors(fine)
     for quantity in asked:
         if definition_of(quantity) is FRICTION_WORK:
             errors[quantity] += share
     return TruncationError(errors, coarse)
-
-
-def _error(quantity: str, fine: Quantities, coarse: Quantities) -> float:
-    """Relative error of a quantity."""
-    if definition_of(quantity) is SPECTRUM and quantity in fine.signals and quantity in coarse.signals:
-        whole = fine.signals[quantity]
-        lower = whole.along <= _LOWER * whole.along[-1]
-        if lower.any():
-            return Signal(whole.along[lower], whole.values[lower]).largest_ratio(coarse.signals[quantity])
-    return relative(quantity, fine, fine, coarse) / _CHANGE
 
 
 def solution_of(scene: Scene, outcome: Outcome) -> Solution:

@@ -70,12 +70,15 @@ class Spectrum(SceneTable):
             raise refusal("the last frequency must be above the first", value=[self.lowest, self.highest])
         return self
 
+    def last(self, step: float) -> float:
+        """Last frequency of the spectrum of a run in steps ``step``, s, at most, Hz."""
+        return min(0.1 / step if self.highest is None else self.highest, highest_frequency(step))
+
     def frequencies(self, step: float, duration: float) -> tuple[float, ...]:
         """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to ``highest_frequency`` at most; the
         highest one that is requested comes last, whatever the ratio. ``step`` and ``duration`` of the run, s."""
         first = 1.0 / duration if self.lowest is None else self.lowest
-        last = 0.1 / step if self.highest is None else self.highest
-        last = min(last, highest_frequency(step))
+        last = self.last(step)
         # a range of whole octaves keeps its last frequency whatever the round-off
         count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9) if last > first else -1
         made = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
