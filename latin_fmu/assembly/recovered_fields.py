@@ -31,7 +31,7 @@ from ..machine import give_back_memory
 from ..propagator.model import SubstructureModel, closest_reduced
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
-from .reduced_run import NAME, ReducedMarch
+from .reduced_run import NAME, RELATIVE, ReducedMarch
 from .tied_assembly import jump_rows
 
 _EXACT: Final = 3e-4  # of the largest change of the relative motions, left out of their shapes
@@ -73,18 +73,20 @@ class Motions:
 
     Attributes
     ----------
-    march : what was marched. modes : displacements, velocities and accelerations (n_time, 3, n_mode + n_r).
+    march : what was marched. modes : displacements, velocities and accelerations (n_time, 3, n_mode). relative :
+    relative motions (n_time, n_r), m.
     """
 
     march: ReducedMarch
-    histories: Array
+    modes: Array
+    relative: Array
 
     @cached_property
     def _relative(self) -> tuple[Array, Array]:
         """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; amplitudes (3, n_time, k)
         of displacements, velocities and accelerations: those of the march are of a scheme for what has no mass."""
-        m, dt = self.march.reduced.n_mode, self.march.bodies.dt
-        r, speed = self.histories[:, 0, m:] - self.histories[0, 0, m:], self.histories[:1, 1, m:]
+        (model,), dt = self.march.assembly.propagators[0].members, self.march.bodies.dt
+        r, speed = self.relative - self.relative[0], model.velocity[None, self.march.reduced.n_mode :]
         shapes = compressed(r)
         moved = r @ shapes
         change = np.diff(moved, axis=0, prepend=-dt * (speed @ shapes))
@@ -93,7 +95,7 @@ class Motions:
         amplitudes = np.stack([moved, 0.5 * (change + following) / dt, (following - change) / dt**2])
         first = np.zeros((3, len(r), 1))
         first[0] = 1.0
-        return np.column_stack([self.histories[0, 0, m:], shapes]), np.concatenate([first, amplitudes], axis=2)
+        return np.column_stack([self.relative[0], shapes]), np.concatenate([first, amplitudes], axis=2)
 
     @cached_property
     def shapes(self) -> Array:
@@ -119,7 +121,7 @@ class Motions:
     def amplitudes(self) -> Array:
         """Of the shapes: of displacements, velocities and accelerations, (3, n_time, n_shape)."""
         reduced, drives = self.march.reduced, self.march.drives
-        first, m, n_time = reduced.rigid.shape[1], reduced.n_mode, len(self.histories)
+        first, m, n_time = reduced.rigid.shape[1], reduced.n_mode, len(self.modes)
         loads = drives.amplitudes[:, :n_time].T, drives.rates[:, :n_time].T / self.march.bodies.dt
         static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
         shapes, relative = self._relative
@@ -127,7 +129,7 @@ class Motions:
         made = []
         for kind in range(3):
             # modes beyond what relative motions and loads make of them at rest; loads have no inertia of their own
-            own, load = self.histories[:, kind, :m].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
+            own, load = self.modes[:, kind].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
             own[:, first:] -= relative[kind] @ of_relative + load @ static
             made.append(np.hstack([own, relative[kind], load, drives.motions[kind, :, :n_time].T]))
         return np.stack(made)
@@ -180,7 +182,7 @@ class Motions:
     def internal_forces(self) -> Array:
         """K u + C v + M a less the loads, (n_row, n_time), N, of the bodies and the joints with springs and dashpots,
         at the dofs of bonded faces."""
-        tied, drives, n_time = self.march.reduced.tied, self.march.drives, len(self.histories)
+        tied, drives, n_time = self.march.reduced.tied, self.march.drives, len(self.modes)
         rows = self._bonded_dofs
         out = np.empty((len(rows), n_time))
         for model in tied.models:
@@ -248,7 +250,7 @@ class RecoveredRecorder(Recorder):
         give_back_memory()  # of the march
         super().__init__(march.bodies, request, info)
         self.n_kept = n = kept.n_kept
-        self._march, self._motions = march, self._motions_of(march, kept.series("path")[NAME])
+        self._march, self._motions = march, self._motions_of(march, kept.series("path"))
         inner, assembly = kept.rows, march.bodies
         layout, own = assembly.layout, march.assembly.layout
         tied = march.tied
@@ -283,9 +285,9 @@ class RecoveredRecorder(Recorder):
             self._series["energy"]["drift"][:n] = kept.series("energy")["drift"]
         self._leave(n)
 
-    def _motions_of(self, march: Any, histories: Array) -> Any:
-        """Motion of the bodies by the histories of all dofs of the march."""
-        return Motions(march, histories)
+    def _motions_of(self, march: Any, histories: Mapping[str, Array]) -> Any:
+        """Motion of the bodies by the histories of the dofs of the march."""
+        return Motions(march, histories[NAME], histories[RELATIVE][:, 0])
 
     def _gaps_of(self, kept: Array, opening: Array) -> Array:
         """Gaps (n_time, n_point) by those kept, and velocities of opening of the law (n_time - 1, n_point)."""
@@ -379,14 +381,18 @@ class RecoveredRecorder(Recorder):
         tables: Mapping[Any, Array] = kept.series("energy")
         terms = tables[0][:, :, 0].copy()  # by number of the class
         drives, reduced = march.drives, march.reduced
-        moved, x = drives.shapes.shape[1], self._motions.histories
+        moved, motions, m = drives.shapes.shape[1], self._motions, reduced.n_mode
+        modes, relative = motions.modes[:n], motions.relative[:n]
+        speed = np.gradient(relative, march.bodies.dt, axis=0) if moved and n > 1 else np.zeros_like(relative)
         k_d, m_d = (drives.shapes.T @ (reduced.tied.full[kind] @ drives.shapes) for kind in (0, 1))
         d, rate = drives.motions[0, :, :n].T, drives.motions[1, :, :n].T
         count = reduced.drives.shape[1]
         of_stiffness, of_mass = (reduced.drives[:, count - k * moved : count - (k - 1) * moved] for k in (3, 1))
         # forces on the march have the sign of their inertia reversed
-        kinetic = 0.5 * np.einsum("ti,ij,tj->t", rate, m_d, rate) - np.einsum("ti,it->t", rate, of_mass.T @ x[:, 1].T)
-        elastic = 0.5 * np.einsum("ti,ij,tj->t", d, k_d, d) - np.einsum("ti,it->t", d, of_stiffness.T @ x[:, 0].T)
+        inertia = modes[:, 1] @ of_mass[:m] + speed @ of_mass[m:]
+        springs = modes[:, 0] @ of_stiffness[:m] + relative @ of_stiffness[m:]
+        kinetic = 0.5 * np.einsum("ti,ij,tj->t", rate, m_d, rate) - (rate * inertia).sum(axis=1)
+        elastic = 0.5 * np.einsum("ti,ij,tj->t", d, k_d, d) - (d * springs).sum(axis=1)
         elastic += self._static_energy(count - 3 * moved)
         terms[:, KINETIC] += kinetic
         terms[:, ELASTIC] += elastic

@@ -51,7 +51,9 @@ _BEYOND: Final = 4.0  # the same over the highest frequency of a spectrum, at le
 COARSER: Final = 2.0
 """Cut-off of the modes of a march over that of the one that tells its error."""
 NAME = "assembly"
-"""Name of the one substructure of a reduced assembly."""
+"""Name of the one substructure of a reduced assembly, and of the histories of its modes."""
+RELATIVE = "relative"
+"""Name of the histories of its relative motions."""
 
 
 @dataclass(frozen=True)
@@ -111,16 +113,18 @@ def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
 
 @dataclass(frozen=True)
 class MotionPlace(FacePlace):
-    """All dofs of the reduced assembly: displacements, velocities and accelerations."""
+    """Dofs of the one substructure: displacements, velocities and accelerations, or the first ``count`` of them."""
+
+    count: int = 3
 
     @property
     def shape(self) -> tuple[int, int]:
         """That of its series at an instant."""
-        return 3, self.trace.shape[0]
+        return self.count, self.trace.shape[0]
 
     def read(self, values: Array, _of: Any, /) -> Array:
-        """The motion as it is, (n, 3, n_dof)."""
-        return values[:, :3]
+        """The motion as it is, (n, count, n_dof)."""
+        return values[:, : self.count]
 
 
 @dataclass(frozen=True)
@@ -171,9 +175,10 @@ class ReducedMarch:
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
-        n = self.assembly.propagators[0].n_dof
-        motion = MotionPlace(NAME, sp.csr_array(sp.eye_array(n)))
-        return Recorder(self.assembly, OutputRequest(energy=energy, faces={NAME: motion}), {})
+        dofs, m = sp.csr_array(sp.eye_array(self.assembly.propagators[0].n_dof)), self.reduced.n_mode
+        # what has no mass has velocities and accelerations of the scheme alone
+        places = {NAME: MotionPlace(NAME, dofs[:m]), RELATIVE: MotionPlace(NAME, dofs[m:], count=1)}
+        return Recorder(self.assembly, OutputRequest(energy=energy, faces=places), {})
 
 
 def reduced_march(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -153,8 +153,8 @@ class DisplacementHistories:
 class StaticRecorder(RecoveredRecorder):
     """Histories of the bodies and interfaces of a ``StaticRun``; parameters as for ``RecoveredRecorder``."""
 
-    def _motions_of(self, march: Any, histories: Array) -> Any:
-        return DisplacementHistories(march, histories)
+    def _motions_of(self, march: Any, histories: Mapping[str, Array]) -> Any:
+        return DisplacementHistories(march, histories[NAME])
 
     def _gaps_of(self, kept: Array, opening: Array) -> Array:  # noqa: ARG002, gaps are those of the displacements
         return kept
