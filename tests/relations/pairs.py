@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -155,8 +156,8 @@ def _apart(base: Run, found: Results, relation: Relation, force: float) -> Apart
 
 
 def _number(seed: object, relation: Relation) -> int:
-    """A number of a pair that is the same in every run."""
-    return int.from_bytes(f"{seed} {relation.name}".encode()[-8:], "little")
+    """A number of a pair that is the same in every run, and another one for every seed and every relation."""
+    return zlib.crc32(f"{seed} {relation.name}".encode())
 
 
 def _reason(base: Run, second: Run, relation: Relation, tables: Tables, apart: float) -> str:
