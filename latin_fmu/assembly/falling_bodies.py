@@ -122,9 +122,7 @@ def held_by_friction_alone(
     return names if balanced else []
 
 
-def _closes(
-    unit: InterfaceUnit, before: Mapping[str, Array], traction: Mapping[str, Array], least: float
-) -> bool:
+def _closes(unit: InterfaceUnit, before: Mapping[str, Array], traction: Mapping[str, Array], least: float) -> bool:
     """Whether an interface is pressed in a static start, and not by bolts or press fits before."""
 
     def pressed(state: Mapping[str, Array]) -> bool:

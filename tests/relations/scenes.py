@@ -4,7 +4,8 @@
     python -m tests.relations.scenes --draw 1000 --log drawn.jsonl
 
 The log has a line for each seed; a second call goes on where it ends, and calls with other seeds may add to it at the
-same time; drawn seeds are those of the log and as many new ones as are missing. The table is printed at the end. Relations that build an FMU take one scene in 25.
+same time. Drawn seeds are those of the log, and as many new ones as are missing. The table is printed at the end.
+Relations that build an FMU take one scene in 25.
 """
 
 from __future__ import annotations

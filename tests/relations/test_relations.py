@@ -54,6 +54,8 @@ FOUND: Final = {
     "sticks without pressure": (50409, "shifted"),
     "reduced, beside an absorbing face": (910111, "reduced"),
     "reduced, hit in free fall": (80404, "reduced"),
+    "friction alone holds it across a gap": (80456, "cut by a bond"),
+    "shear alone holds it across a gap": (80541, "doubled"),
 }
 """Seeds of ``row_scene`` whose results once depended on the description or missed the told error, and the relation
 that saw it."""
