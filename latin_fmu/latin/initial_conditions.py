@@ -224,7 +224,7 @@ def _contact_tractions(
     laws = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups], (1.0 / assembly.dt, 0.0)
     known = np.zeros_like(traction)
     known[solver.channels] = traction[solver.channels]
-    sliding = _sliding(assembly)
+    sliding = _sliding(assembly, points)
     # an equilibrium holds them already
     solution = None if any(own.any() for own in sliding) else solver.as_it_stands(free, known, *laws)
     if solution is None:
@@ -239,10 +239,16 @@ def _contact_tractions(
     return added
 
 
-def _sliding(assembly: Assembly) -> list[Array]:
-    """Tangential velocities of sides E' over E by group (n_point, 0 or 2); what moves as one does not slide, but for
-    round-off."""
+def _sliding(assembly: Assembly, points: set[tuple[int, int]]) -> list[Array]:
+    """Tangential velocities (n_point, n_component - 1) of sides E' over E by group, 0 but at ``points``; what moves as
+    one does not slide, but for round-off."""
     velocity = assembly.velocity()
     level = _STILL * float(np.abs(velocity).max(initial=0.0))
-    blocks = [group.block(velocity)[..., 1:] for group in assembly.layout.groups]
-    return [np.where(np.abs(block[1] - block[0]) > level, block[1] - block[0], 0.0) for block in blocks]
+    made = []
+    for g, group in enumerate(assembly.layout.groups):
+        first, second = group.block(velocity)[..., 1:]
+        own = np.zeros_like(first)
+        numbers = [p for of, p in points if of == g]
+        own[numbers] = second[numbers] - first[numbers]
+        made.append(np.where(np.abs(own) > level, own, 0.0))
+    return made

@@ -163,7 +163,7 @@ def load_of(tables: Tables) -> float:
 def distances(expected: Results, found: Results, force: float) -> dict[str, float]:
     """Largest difference of each quantity over its largest value, or ``SMALL`` of the largest of its kind; ``force`` :
     of a load."""
-    largest = {"force": force, "reaction": force}
+    largest = {"force": force, "reaction": force, "tension": force}
     for name, values in expected.items():
         kind = name.partition(".")[0]
         largest[kind] = max(largest.get(kind, 0.0), float(np.abs(values).max(initial=0.0)))

@@ -56,6 +56,7 @@ FOUND: Final = {
     "reduced, hit in free fall": (80404, "reduced"),
     "friction alone holds it across a gap": (80456, "cut by a bond"),
     "shear alone holds it across a gap": (80541, "doubled"),
+    "points outnumber the dofs of a face beside a plane of symmetry": (4007811305, "windows"),
 }
 """Seeds of ``row_scene`` whose results once depended on the description or missed the told error, and the relation
 that saw it."""
