@@ -185,8 +185,9 @@ def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
     """Group and number of the points of closed contacts with a rigid body whose sides do not move along N."""
     rigid = np.zeros(assembly.layout.n_flat, dtype=bool)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-        # rigid bodies know their dofs by ``nodal``
-        rigid[channels] = propagator.members[0].nodal is not None
+        model = propagator.members[0]
+        # unknowns are motions of a whole body, as those of a reduced one, but nothing resists them
+        rigid[channels] = model.nodal is not None and not model.stiffness.count_nonzero()
     if not rigid.any():
         return set()
     velocity = assembly.velocity()

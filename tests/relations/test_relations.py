@@ -54,6 +54,7 @@ FOUND: Final = {
     "sticks without pressure": (50409, "shifted"),
     "reduced, beside an absorbing face": (910111, "reduced"),
     "reduced, hit in free fall": (80404, "reduced"),
+    "reduced, loaded at once on the ground": (3078539682, "reduced"),
     "friction alone holds it across a gap": (80456, "cut by a bond"),
     "shear alone holds it across a gap": (80541, "doubled"),
     "points outnumber the dofs of a face beside a plane of symmetry": (4007811305, "windows"),
