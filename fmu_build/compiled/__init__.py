@@ -10,7 +10,8 @@ words of 8 bytes   content (numbers little-endian; places count words from the s
 0                  ``LATINVAR``
 1 to ``HEADER``    ``HEADER`` in its order: checksum of all that follows, length, token, checksum of the image, ...
 then               a row of words for each variable, of 4 for each input, of 3 for each whole number of the state,
-                   of 4 for each part of a record of the results file (``RecordPart``)
+                   of 4 for each part of a record of the results file (``RecordPart``), of 4 for each point at which
+                   a rigid body is pressed at the start (``_pressed_points``)
 then               texts, each with a zero behind it; rows refer to them by bytes from their start
 =================  ================================================================================================
 """
@@ -40,6 +41,7 @@ from latin_fmu.cosim.variable import Variable, input_of, input_variable
 from latin_fmu.cosim.variable import Variable as FmiVariable
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import NeedsPythonError, Problem
+from latin_fmu.latin.initial_conditions import closed_points
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
@@ -65,6 +67,8 @@ HEADER: Final = (
         "records",
         "results_sum",
         "unloaded",
+        "n_pressed",
+        "pressed",
     ),
 )
 """Words of the header, in the order of the names T_... of compiled.h."""
@@ -241,11 +245,15 @@ def _table(
     words += [number for row in wholes for number in row]
     begins["records"] = len(words)
     words += [number for part in record for number in part.row()]
+    begins["pressed"] = len(words)
+    pressed = list(_pressed_points(run))
+    words += [number for place, size, mu, name in pressed for number in (place, size, mu, texts.place(name))]
     begins |= {
         "n_variable": len(table),
         "n_input": len(inputs),
         "n_whole": len(wholes),
         "n_record": len(record),
+        "n_pressed": len(pressed),
         "texts": len(words),
     }
     begins |= {key: references.get(name, -1) for key, name in _NAMED.items()}
@@ -286,6 +294,21 @@ def _whole_numbers(run: CommunicationRun) -> Iterator[tuple[int, float, float]]:
         yield int(row["rest"]), 0.0, 1.0
         if row["accounted"]:
             yield int(row["turn"]), 0.0, 2.0
+
+
+def _pressed_points(run: CommunicationRun) -> Iterator[tuple[int, int, float, str]]:
+    """Points at which a rigid body is pressed at the start: place of their traction, number of its components,
+    coefficient of friction, interface. The initial state is a linear function of the inputs while none slides or lifts.
+    """
+    assembly, at = run.run.assembly, int(run.image.run[0]["f_hat"])
+    for g, point in sorted(closed_points(assembly)):
+        group = assembly.layout.groups[g]
+        channel, size = group.start + point * group.n_component, group.n_component
+        if run.run.f_hat[channel] < 0.0:
+            name = next(
+                assembly.interfaces[i].name for i, own in group.members.items() if own.start <= point < own.stop
+            )
+            yield at + channel, size, float(group.parameters[point, 0]) if size > 1 else 0.0, name
 
 
 def checksum(content: bytes) -> int:

@@ -22,7 +22,7 @@ typedef union {
    where nothing but the inputs loads or moves a body. */
 enum {
     T_MAGIC, T_CHECKSUM, T_LENGTH, T_TOKEN, T_IMAGE, T_N_VARIABLE, T_VARIABLES, T_N_INPUT, T_INPUTS, T_TEXTS, T_MODE, T_RULE, T_END, T_FILE, T_WINDOW_SIZE, T_HISTORY_SIZE, T_SOLVER,
-    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_RESULTS, T_N_RECORD, T_RECORDS, T_RESULTS_SUM, T_UNLOADED, T_HEADER
+    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_RESULTS, T_N_RECORD, T_RECORDS, T_RESULTS_SUM, T_UNLOADED, T_N_PRESSED, T_PRESSED, T_HEADER
 };
 /* Numbers of the state that stand for whole ones: their place in the moving block, the least and the largest. */
 enum { W_PLACE, W_LEAST, W_MOST, W_ROW };
@@ -30,6 +30,8 @@ enum { W_PLACE, W_LEAST, W_MOST, W_ROW };
    they are whole numbers of 4 bytes. */
 enum { R_KIND, R_PLACE, R_COUNT, R_WHOLE, R_ROW };
 enum { R_TIME, R_OUTPUT, R_FIELD };
+/* A point at which a rigid body is pressed at the start: place of its traction, components, friction, name of the interface. */
+enum { P_PLACE, P_SIZE, P_FRICTION, P_NAME, P_ROW };
 enum { V_NAME, V_KIND, V_ROLE, V_PLACE, V_WIDTH, V_N_DIMENSION, V_DIMENSION, V_START = V_DIMENSION + 3, V_ROW };
 enum { REAL, INTEGER, STRING, COUNT };
 enum {

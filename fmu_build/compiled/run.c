@@ -13,6 +13,7 @@ static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one t
 #endif
 static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
 static const double MOST_STEPS = 1e6;
+static const double EXACT = 1e-9; /* of the largest traction: what a law may miss, as in latin_fmu/latin/instant_solve.py */
 
 int msg(const Instance *c, int status, const char *format, ...)
 {
@@ -265,6 +266,28 @@ static void set_step(Instance *c, int64_t step, int64_t n)
     }
 }
 
+/* Whether every point of a rigid body that is pressed at the start stays so, and does not slide: else its tractions are no
+   linear function of the inputs. */
+static int stands(const Instance *c)
+{
+    const Word *table = table_of(c), *points = table + table[T_PRESSED].i;
+    int64_t n = table[T_N_PRESSED].i;
+    double largest = 0.0;
+    for (int64_t i = 0; i < P_ROW * n; i += P_ROW)
+        for (int64_t k = 0; k < points[i + P_SIZE].i; k++)
+            largest = fmax(largest, fabs(c->fmu->moving[points[i + P_PLACE].i + k]));
+    for (int64_t i = 0; i < P_ROW * n; i += P_ROW) {
+        const double *f = c->fmu->moving + points[i + P_PLACE].i;
+        double shear = points[i + P_SIZE].i > 1 ? hypot(f[1], f[2]) : 0.0;
+        if (-f[0] >= -EXACT * largest && shear <= -points[i + P_FRICTION].d * f[0] + EXACT * largest) continue;
+        msg(c, ERROR, "the inputs move a rigid body at the start so that it slides or lifts at once at interface %s, for which "
+            "the initial state was not computed: begin with smaller inputs, or use an FMU that was made with --python",
+            text_at(c, points[i + P_NAME].i));
+        return 0;
+    }
+    return 1;
+}
+
 /* Outputs at the start, under the inputs that the kernels were given, which go on by a rule; n: time steps of a whole
    history, or 0. */
 static int present(Instance *c, int64_t rule, int64_t n)
@@ -276,6 +299,7 @@ static int present(Instance *c, int64_t rule, int64_t n)
     if (n > 0) set_step(c, 1, n);
     if (result >= 0) result = act(o, M_PRESENT, rule, 1, 0, 0); /* ... as with a first step of one time step */
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
+    if (!stands(c)) return ERROR;
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
     no_records(o);
     keep(c, 0, 0, 0, n_field - 1);

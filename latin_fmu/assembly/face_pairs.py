@@ -304,17 +304,28 @@ def node_by_node(first: Side, second: Side) -> FacePair | None:
     nodes, opposite_nodes = body.mesh.nodes[face.nodes], other_body.mesh.nodes[other.nodes[partner]]
     normals = face.normals
     distance = np.einsum("pi,pi->p", opposite_nodes - nodes, normals)
-    if face.change is None and other.change is None:
+    areas, opposite = face.positive_areas, other.positive_areas[partner]
+    straight = face.change is None and other.change is None
+    unlike = np.abs(opposite - areas).max() > _SAME_AREA * areas.max()
+    # the nodes of both match, their facets do not: nothing but the order of the sides would tell whose areas count
+    if unlike and not (straight and _same_facets(facets, other_facets, face, other, partner)):
+        return None
+    if straight:
         other_trace = selection(other.nodes[partner], other_body)
     else:
-        areas, opposite = face.positive_areas, other.positive_areas[partner]
-        if np.abs(opposite - areas).max() > _SAME_AREA * areas.max():
-            return None  # the nodes of both match, their facets do not
         _, other_trace = own_points(other_body, other_facets, other)
         other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
         # points in the middle of edges are no nodes: their values from those of the nodes
         distance = distance if face.change is None else nodal_values(facets, face.nodes) @ distance
-    return FacePair(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
+    return FacePair(points, areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
+
+
+def _same_facets(facets: FacetSet, others: FacetSet, face: Face, other: Face, partner: Index) -> bool:
+    """Whether the facets of both faces have the same corners; ``partner`` : rows of the nodes opposite those of the
+    face."""
+    opposite = dict(zip(face.nodes.tolist(), other.nodes[partner].tolist(), strict=True))
+    own = {frozenset(opposite.get(n, -1) for n in row) for b in facets.blocks for row in b.facets.tolist()}
+    return own == {frozenset(row) for b in others.blocks for row in b.facets.tolist()}
 
 
 def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:

@@ -24,7 +24,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..fem.mesh import Array
-from ..interface.laws import NoSlip
+from ..interface.laws import NoSlip, coulomb_coefficient
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import with_load
@@ -87,27 +87,30 @@ def closed_by_strains(
     before, traction : tractions with tight bolts, and in the static start. least : Pa, above which one is a pressure.
     """
 
-    def pressed(state: Mapping[str, Array], name: str) -> bool:
-        return name in state and float(state[name][:, 0].min(initial=0.0)) < -least
-
-    # what bolts or press fits close is no matter of the loads
-    names = [u.name for u in problem.units if _is_open(u) and pressed(traction, u.name) and not pressed(before, u.name)]
+    names = [unit.name for unit in problem.units if _is_open(unit) and _closes(unit, before, traction, least)]
     catching = {name for group in falling_in(problem) for name in group.catching} if names else set()
     return [name for name in names if name in catching]
 
 
-def sheared_alone(problem: DiscretisedProblem, traction: Mapping[str, Array], least: float) -> list[str]:
-    """Interfaces without slip that shear holds in a static start, and no pressure, where their bodies are in balance
-    without them.
+def held_by_friction_alone(
+    problem: DiscretisedProblem, before: Mapping[str, Array], traction: Mapping[str, Array], least: float
+) -> list[str]:
+    """Interfaces with friction or without slip that hold something in a static start by the way to it alone, where
+    their bodies are in balance without them.
 
-    A point that touches without pressure may carry any shear, which then depends on the way to the equilibrium. None
-    is a solution, too. least : Pa, above which a traction is one.
+    A point without slip that touches without pressure may carry any shear. Strains that close a gap press on a body
+    that nothing held on its way: where friction holds it there, one that had come beside the way would not be pressed.
+    To carry nothing is a solution of both, too, unless the sides overlap then.
+
+    before, traction, least : as for ``closed_by_strains``.
     """
     names = []
     for unit in problem.units:
-        if isinstance(unit.behaviour, NoSlip) and unit.name in traction:
-            pressure, shear = (float(np.abs(part).max(initial=0.0)) for part in np.split(traction[unit.name], [1], 1))
-            names += [unit.name] * (shear > least >= pressure)
+        if not unit.behaviour.opens or unit.name not in traction or coulomb_coefficient(unit.behaviour) == 0.0:
+            continue
+        pressure, shear = (float(np.abs(part).max(initial=0.0)) for part in np.split(traction[unit.name], [1], 1))
+        alone = isinstance(unit.behaviour, NoSlip) and shear > least >= pressure
+        names += [unit.name] * (alone or (_is_open(unit) and _closes(unit, before, traction, least)))
     if not names:
         return []
     still = [name for name in problem.bodies if not problem.scene.substructure[name].motion_keys]
@@ -117,6 +120,15 @@ def sheared_alone(problem: DiscretisedProblem, traction: Mapping[str, Array], le
     groups = free_groups(bodies, conditions, units)
     balanced = all(group.work(_forces(problem.scene, bodies, group))[0] <= BALANCED for group in groups)
     return names if balanced else []
+
+
+def _closes(unit: InterfaceUnit, before: Mapping[str, Array], traction: Mapping[str, Array], least: float) -> bool:
+    """Whether an interface is pressed in a static start, and not by bolts or press fits before."""
+
+    def pressed(state: Mapping[str, Array]) -> bool:
+        return unit.name in state and float(state[unit.name][:, 0].min(initial=0.0)) < -least
+
+    return pressed(traction) and not pressed(before)
 
 
 def _yields(unit: InterfaceUnit) -> bool:

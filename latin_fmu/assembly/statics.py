@@ -43,7 +43,14 @@ from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
 from .displaced_starts import at_rest
 from .equilibrium import Equilibrium, equilibrium
-from .falling_bodies import closed_by_strains, falling_groups, falling_parts, held_in_place, relieved, sheared_alone
+from .falling_bodies import (
+    closed_by_strains,
+    falling_groups,
+    falling_parts,
+    held_by_friction_alone,
+    held_in_place,
+    relieved,
+)
 from .free_bodies import (
     FreeGroup,
     acting,
@@ -195,7 +202,7 @@ def static_state(
     found, state = _solved_start(whole, discretised, amplitudes, tight, kept, stages is not None)
     size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
     closed = closed_by_strains(whole, before, state.traction, PRESSED * size)
-    if loose := closed or sheared_alone(whole, state.traction, PRESSED * size):
+    if loose := closed or held_by_friction_alone(whole, before, state.traction, PRESSED * size):
         other = static_problem(whole, scene, without=loose)
         solved = _solved_start(whole, other, amplitudes, tight, kept, stages is not None)
         overlaps = _overlaps(whole, solved[1], loose, size)

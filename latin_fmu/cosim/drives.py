@@ -27,6 +27,7 @@ from ..scene.laws import ConstantLaw, InputLaw, sampled
 from ..scene.schema import Scene
 from .input_table import Source, given_of, sources_of
 
+_UNITS = (1.0, 1e3, 1e6)  # changes of an amplitude that are tried
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring
 
 
@@ -250,18 +251,20 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
         return drives.opening()
 
     base = opening(start)
-    linear = [
-        not (settled and kind in (LOAD, WAVE)) and _is_linear(drives, start, base, e) for e, kind in enumerate(kinds)
+    units = [
+        0.0 if settled and kind in (LOAD, WAVE) else _linear_over(drives, start, base, e)
+        for e, kind in enumerate(kinds)
     ]
+    linear = np.array(units, dtype=float) > 0.0
     # inputs on which it depends linearly have columns: without them here
-    zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
+    zero = start * np.concatenate([~linear, np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
     for e in np.flatnonzero(linear).tolist():
         for row in range(2):
-            # 0 where the input was taken out: 1 is a unit
+            # 0 where the input was taken out
             unit = zero.copy()
-            unit[row, e] += 1.0
-            columns[n_x + row * n_s + e] = np.concatenate(opening(unit)) - np.concatenate(base)
+            unit[row, e] += units[e]
+            columns[n_x + row * n_s + e] = (np.concatenate(opening(unit)) - np.concatenate(base)) / units[e]
     table = np.zeros((sum(map(len, base)), n_x + 2 * n_s + 1))
     for at, column in columns.items():
         table[:, at] = column
@@ -281,13 +284,19 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     }
 
 
-def _is_linear(drives: Drives, start: Array, base: list[Array], e: int) -> bool:
+def _linear_over(drives: Drives, start: Array, base: list[Array], e: int) -> float:
+    """A change of the amplitude of an input over which the initial state is an affine function of it; 0 where there is
+    none. A larger one where round-off of large forces hides what a change of 1 brings."""
+    return next((unit for unit in _UNITS if _is_affine(drives, start, base, e, unit)), 0.0)
+
+
+def _is_affine(drives: Drives, start: Array, base: list[Array], e: int, unit: float) -> bool:
     """Whether the initial state is an affine function of the amplitudes of an input at the first two instants. A
     residual is a difference of forces: its round-off is that of the forces of inertia."""
     changes, forces = [], np.zeros(len(drives.assembly.propagators))
     for change in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)):
         amplitudes = start.copy()
-        amplitudes[:, e] += change
+        amplitudes[:, e] += unit * np.array(change)
         drives.begin(amplitudes)
         changes.append([new - old for new, old in zip(drives.opening(), base, strict=True)])
         forces = np.maximum(forces, drives.inertia())

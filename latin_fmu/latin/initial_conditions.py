@@ -52,12 +52,14 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
     balanced = all(np.abs(force).max(initial=0.0) <= level for force in forces)
     round_off = [force if balanced else 0.0 for force in forces]
     closed = closed_points(assembly)
-    # no forces cancel in the inertia of a prescribed motion: it acts however small it is, so that the state at t = 0 is
-    # a linear function of the motion. Damping forces of a rigid motion do cancel
+    # no forces cancel in a prescribed acceleration: it acts however small it is, so that the state at t = 0 is a linear
+    # function of the motion. Damping forces of a rigid motion do cancel
     accelerates = (
         not balanced
         or bool(assembly.ground.initial_acceleration().any())
-        or any(inertia.any() or np.abs(viscous).max(initial=0.0) > _ROUND_OFF * scale for viscous, inertia in motion)
+        # a body whose motion is prescribed as a whole has no inertia of its own, but moves what it touches
+        or any(p.forcing.moves and p.forcing.imposed_a(0).any() for p in propagators)
+        or any(np.abs(viscous).max(initial=0.0) > _ROUND_OFF * scale for viscous, _ in motion)
         # friction brakes sliding
         or (bool(closed) and any(channel_velocity(p).any() for p in propagators))
     )
@@ -183,8 +185,9 @@ def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
     """Group and number of the points of closed contacts with a rigid body whose sides do not move along N."""
     rigid = np.zeros(assembly.layout.n_flat, dtype=bool)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-        # rigid bodies know their dofs by ``nodal``
-        rigid[channels] = propagator.members[0].nodal is not None
+        model = propagator.members[0]
+        # unknowns are motions of a whole body, as those of a reduced one, but nothing resists them
+        rigid[channels] = model.nodal is not None and not model.stiffness.count_nonzero()
     if not rigid.any():
         return set()
     velocity = assembly.velocity()
@@ -212,28 +215,41 @@ def _contact_tractions(
     added = np.zeros_like(traction)
     if not points:
         return added
-    velocity = assembly.velocity()
     free, compliances = _free_accelerations(assembly, unbalance, factors)
     areas = [p.operators.area for p in assembly.propagators]
     # of swept classes too, for this one solution
     dense = [c if isinstance(c, np.ndarray) else c @ np.eye(len(a)) for c, a in zip(compliances, areas, strict=True)]
     admittances = [c * a for c, a in zip(dense, areas, strict=True)]
     solver = PointByPoint(assembly, admittances, points)
-    known = np.zeros_like(traction)
-    # the solver starts from the known tractions, and adds what they do: it must not be in ``free`` as well
-    known[solver.channels] = traction[solver.channels]
-    for admittance, channels in zip(admittances, assembly.channels, strict=True):
-        free[channels] -= admittance @ known[channels]
-    # a sliding point continues to slide: its friction follows the velocity, whatever the accelerations are; what moves
-    # as one does not slide, but for round-off
-    level = _STILL * float(np.abs(velocity).max(initial=0.0))
-    for group in assembly.layout.groups:
-        if group.n_component > 1:
-            sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
-            sliding = np.where(np.abs(sliding) > level, sliding, 0.0)
-            group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
-    no_gaps = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
     # no gap: the law for velocities, read as accelerations
-    solution, _ = solver.solve(free, known, no_gaps, (1.0 / assembly.dt, 0.0))
+    laws = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups], (1.0 / assembly.dt, 0.0)
+    known = np.zeros_like(traction)
+    known[solver.channels] = traction[solver.channels]
+    sliding = _sliding(assembly, points)
+    # an equilibrium holds them already
+    solution = None if any(own.any() for own in sliding) else solver.as_it_stands(free, known, *laws)
+    if solution is None:
+        # the solver starts from the known tractions, and adds what they do: it must not be in ``free`` as well
+        for admittance, channels in zip(admittances, assembly.channels, strict=True):
+            free[channels] -= admittance @ known[channels]
+        # a sliding point continues to slide: its friction follows the velocity, whatever the accelerations are
+        for group, own in zip(assembly.layout.groups, sliding, strict=True):
+            group.block(free)[1, :, 1:] += own / (_STILL * assembly.dt)
+        solution, _ = solver.solve(free, known, *laws)
     added[solver.channels] = solution[solver.channels] - known[solver.channels]
     return added
+
+
+def _sliding(assembly: Assembly, points: set[tuple[int, int]]) -> list[Array]:
+    """Tangential velocities (n_point, n_component - 1) of sides E' over E by group, 0 but at ``points``; what moves as
+    one does not slide, but for round-off."""
+    velocity = assembly.velocity()
+    level = _STILL * float(np.abs(velocity).max(initial=0.0))
+    made = []
+    for g, group in enumerate(assembly.layout.groups):
+        first, second = group.block(velocity)[..., 1:]
+        own = np.zeros_like(first)
+        numbers = [p for of, p in points if of == g]
+        own[numbers] = second[numbers] - first[numbers]
+        made.append(np.where(np.abs(own) > level, own, 0.0))
+    return made

@@ -27,9 +27,11 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor
+from ..interface.laws import coulomb_coefficient
 from .assembly import Array, Assembly, Group, Index
 
 _SHIFT = 1e-10  # of the diagonal of S
@@ -125,6 +127,8 @@ class PerfectInterfaceSolve:
 
 
 _SWEEPS, _WORK = 300, 100_000  # sweeps, and sweeps x points, at most
+_DEPENDENT = 1e-10  # singular values below this share of the largest are round-off
+_EXACT = 1e-9  # of the largest traction: what a law may miss
 _ENOUGH = 1e-7  # relative change of the tractions in a sweep that ends the iteration
 
 
@@ -218,9 +222,42 @@ class PointByPoint:
                 break
         return f, v
 
+    def as_it_stands(self, free: Array, f_hat: Array, gaps: list[Array], rates: tuple[float, float]) -> Array | None:
+        """Tractions (n_flat,) of ``solve`` where every pressed point of ``f_hat`` stays closed, and sticks where it has
+        friction; None where that breaks a law. ``free`` : velocities under the tractions ``f_hat``. A linear function
+        of these, which ``solve`` is to the tolerance of its sweeps only."""
+        held = [(*point.sides, component) for point in self._points for component in self._held(point, f_hat)]
+        f, v = f_hat.copy(), free.copy()
+        if held:
+            first = np.array([side.channels[component] for side, _, component in held])
+            second = np.array([side.channels[component] for _, side, component in held])
+            moved = np.zeros((len(free), len(held)))
+            for column, (own, other, component) in zip(moved.T, held, strict=True):
+                column[own.neighbours] += own.columns[:, component]
+                column[other.neighbours] -= other.columns[:, component]
+            # points that are held to each other leave it singular, and consistent
+            step = la.lstsq(moved[second] - moved[first], v[first] - v[second], cond=_DEPENDENT)[0]
+            f[first] += step
+            f[second] -= step
+            v += moved @ step
+        largest = float(np.abs(f).max(initial=0.0))
+        for point in self._points:
+            off = self._local(point, f, v, gaps, rates) - f[point.sides[0].channels]
+            if np.abs(off).max() > _EXACT * largest:
+                return None
+        return f
+
     @staticmethod
-    def _solve_point(point: _Point, f: Array, v: Array, gaps: list[Array], rates: tuple[float, float]) -> None:
-        """Solve one point with the tractions of all others held; updates f and v."""
+    def _held(point: _Point, f_hat: Array) -> range:
+        """Components of a point along which a pressed one does not move."""
+        channels = point.sides[0].channels
+        if not f_hat[channels[0]] < 0.0:
+            return range(0)
+        return range(1 if coulomb_coefficient(point.group.behaviour) == 0.0 else len(channels))
+
+    @staticmethod
+    def _local(point: _Point, f: Array, v: Array, gaps: list[Array], rates: tuple[float, float]) -> Array:
+        """Traction of the law of one point, that of all others held."""
         first, second = (side.channels for side in point.sides)
         group, old = point.group, f[first]
         z = np.where(np.arange(len(old)) == 0, point.z[0, 0], point.z[0, 1])
@@ -228,7 +265,7 @@ class PointByPoint:
         elastic = group.behaviour.elastic
         if not elastic:
             gap = gap.reshape(-1)
-        new = group.behaviour.local(
+        new: Array = group.behaviour.local(
             # v has the share of the old traction: z f is taken out again
             (v[second] - v[first] + z * old)[None],
             point.z,
@@ -236,7 +273,13 @@ class PointByPoint:
             rates[int(elastic)],
             group.parameters[point.index : point.index + 1],
         )[0]
-        step = new - old
+        return new
+
+    def _solve_point(self, point: _Point, f: Array, v: Array, gaps: list[Array], rates: tuple[float, float]) -> None:
+        """Solve one point with the tractions of all others held; updates f and v."""
+        first, second = (side.channels for side in point.sides)
+        new = self._local(point, f, v, gaps, rates)
+        step = new - f[first]
         if step.any():
             f[first], f[second] = new, -new
             # f acts on E, -f on E'

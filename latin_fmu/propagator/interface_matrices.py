@@ -26,6 +26,8 @@ from ..errors import SolverError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+ALONE = 1e3  # times what the points resist one by one: no face resists more whose points are independent
+_DEPENDENT = 1e-10  # singular values below this share of the largest are round-off, as in ``interface_sweeps``
 STILL = 1e-12  # admittances below this share of the largest are round-off of held directions
 
 
@@ -94,7 +96,8 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
 
 
 def resistance(compliance: Any, rows: Index) -> float:
-    """Force for a uniform velocity 1 of these channels, 1^T C^-1 1 over those that can move, N s m-1."""
+    """Force for a uniform velocity 1 of these channels, 1^T C^-1 1 over those that can move, N s m-1; by least squares
+    where they depend on each other, 1^T C^+ 1."""
     if not isinstance(compliance, np.ndarray):
         return float(compliance.resistance(rows))
     diagonal = compliance.diagonal()
@@ -103,11 +106,12 @@ def resistance(compliance: Any, rows: Index) -> float:
     if not len(moving):
         return 0.0
     force = float(face_resistance(routines(), compliance, moving))
-    # -1: singular, as of points that are held to each other
-    if force >= 0.0:
+    # -1: singular, as of points that are held to each other. Points that outnumber the dofs that move them may have a
+    # factor all the same, of round-off: where no forces move them alike, they would resist without limit
+    if 0.0 <= force <= ALONE * float((1.0 / diagonal[moving]).sum()):
         return force
     block = compliance[moving[:, None], moving]
-    return float(la.lstsq(block, np.ones(len(moving)))[0].sum())
+    return float(la.lstsq(block, np.ones(len(moving)), cond=_DEPENDENT)[0].sum())
 
 
 def _not_positive() -> SolverError:

@@ -26,7 +26,7 @@ import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor
 from ..cholesky.symbolic import Pattern, Symbolic, shared_analysis
-from .interface_matrices import STILL
+from .interface_matrices import ALONE, STILL
 from .model import Array, Index, OperatorPattern, SubstructureModel, operator_matrices, with_data
 
 Form = Literal["automatic", "dense", "exact", "sparse"]
@@ -190,7 +190,13 @@ class InterfaceCompliance:
             step = size / curvature
             x += step * direction
             rest -= step * image
-        return float(x.sum())
+        force = float(x.sum())
+        # round-off of such points may hide behind a curvature that is not quite zero
+        return (
+            force
+            if force <= ALONE * float((1.0 / self._diagonal[moving]).sum())
+            else self._least_resistance(moving, enough)
+        )
 
     def _least_resistance(self, moving: Index, enough: float) -> float:
         """1^T C^+ 1 by least squares (C. C. Paige and M. A. Saunders, LSQR, ACM Trans. Math. Softw. 8, 1982)."""

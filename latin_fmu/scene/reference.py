@@ -42,12 +42,12 @@ Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax z
 Interface      The normal N points from the first side (E) to the second (E'). Forces and tractions in the
                results are those the interface exerts on side E, in global axes: two bodies pressed together
                along z, the first one below, give a negative z component.
-Meshes         Nodes of the two faces that stand opposite each other one to one are the points of the interface.
-               Else the points are those of one side (points_from: the wholly covered one, else the one with the
-               smaller facets on average, of the softer, of the smaller body; E where all are alike, which is said),
-               over the part that the faces have in common, and the other side takes part through integrals over it
-               (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
-               their neighbours.
+Meshes         Nodes of the two faces that stand opposite each other one to one are the points of the interface, but
+               where a quadrilateral faces triangles, say, with other shares of the area. Else the points are those of
+               one side (points_from: the wholly covered one, else the one with the smaller facets on average, of the
+               softer, of the smaller body; E where all are alike, which is said), over the part that the faces have
+               in common, and the other side takes part through integrals over it (mortar). Faces may be curved and
+               closed. Points with hardly any common area are merged into their neighbours.
 Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
                "measured", between curved facets of quadratic elements as they are curved; what is below their
                distance from a smooth face touches, and latin-fmu check names it. A number counts, whatever the
@@ -190,13 +190,15 @@ Initial fields The initial values of a body add up: a uniform one, a spin, gradi
                which a contact of these bodies is loaded is refused. newmark with gamma = 0.5, massless_contact and
                central_difference continue a vibration from its displacements and velocities as if it had not been
                interrupted; hht and generalized_alpha start with another acceleration than that run had.
-Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
-               or pulse that starts at 0 is a shock and not in it), body forces, gravity, temperatures, preloads,
+Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step or
+               pulse that starts at 0 is a shock and not in it), body forces, gravity, temperatures, preloads,
                displaced faces; faces driven by a velocity or an acceleration and the ground stand still. The motion
                starts from its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity
                are left out; [motion] gives one to all, and a tightened assembly starts in its equilibrium with it. A
                substructure that friction cannot hold is an error. Of bodies that only contacts without pressure hold,
-               or nothing, the place is that of least displacement (mean square over the mass) without overlap.
+               or nothing, the place is that of least displacement (mean square over the mass) without overlap. A
+               contact with a gap that strains alone press, and friction alone could hold, carries nothing if its
+               bodies find room.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
                a(t) along the components. A face with an acceleration starts as fast as its body and moves as the
                time scheme would move a free body: after a pulse its velocity and path are the exact integrals of the

@@ -83,6 +83,19 @@ def test_resistance_of_points_that_move_together() -> None:
     assert resistance(np.array([[2.0, 2.0], [2.0, 2.0]]), np.arange(2)) == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("rank", [1, 2, 4, 12])
+def test_resistance_of_points_that_outnumber_their_dofs(rank: int, seed: int) -> None:
+    """The least-squares response where no forces move all points alike, by a matrix and by its products. Round-off may
+    leave the matrix a factor, by which the points would resist 1e15 times as much."""
+    n, few = rank + 3, 1e-9
+    weights = np.random.default_rng([rank, seed]).uniform(0.2, 1.0, (n, rank))
+    matrix = weights @ weights.T
+    expected = np.linalg.pinv(matrix, rcond=1e-10).sum()
+    assert resistance(matrix, np.arange(n)) == pytest.approx(expected, rel=1e-6)
+    assert Products(matrix).resistance(np.arange(n), few) == pytest.approx(expected, rel=1e-6)
+
+
 class Products(InterfaceCompliance):
     """A matrix known by its products."""
 
@@ -91,11 +104,3 @@ class Products(InterfaceCompliance):
 
     def __matmul__(self, force: np.ndarray) -> np.ndarray:
         return self._matrix @ force
-
-
-@pytest.mark.parametrize("rank", [1, 2, 4])
-def test_resistance_of_points_that_outnumber_their_dofs(rank: int) -> None:
-    """By products, too: the least-squares response, where no forces move all points alike."""
-    weights = np.random.default_rng(rank).uniform(0.2, 1.0, (6, rank))
-    expected = np.linalg.pinv(weights @ weights.T, rcond=1e-10).sum()
-    assert Products(weights @ weights.T).resistance(np.arange(6), 1e-9) == pytest.approx(expected, rel=1e-6)

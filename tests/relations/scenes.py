@@ -1,20 +1,24 @@
-"""All relations on random scenes, from seed to seed.
+"""All relations on random scenes, from seed to seed, or on seeds that nobody has seen before.
 
     python -m tests.relations.scenes 1000 2000 --log scenes.jsonl
+    python -m tests.relations.scenes --draw 1000 --log drawn.jsonl
 
 The log has a line for each seed; a second call goes on where it ends, and calls with other seeds may add to it at the
-same time. The table is printed at the end. Relations that build an FMU take one scene in 25.
+same time. Drawn seeds are those of the log, and as many new ones as are missing. The table is printed at the end.
+Relations that build an FMU take one scene in 25.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import random
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from .pairs import Pairs
 from .random_scenes import random_scene
@@ -37,9 +41,7 @@ def all_relations(seed: int, folder: Path) -> Pairs:
 
 def on_seeds(seeds: Iterable[int], log: Path) -> Pairs:
     """Pairs of seeds, those that are in the log read from it, the others added to it."""
-    lines = log.read_text().splitlines() if log.exists() else []
-    known = {entry["seed"]: entry["pairs"] for entry in map(json.loads, lines)}
-    every = Pairs()
+    known, every = _logged(log), Pairs()
     for seed in seeds:
         if seed not in known:
             with tempfile.TemporaryDirectory() as folder:
@@ -55,14 +57,30 @@ def on_seeds(seeds: Iterable[int], log: Path) -> Pairs:
     return every
 
 
+def _logged(log: Path) -> dict[int, dict[str, Any]]:
+    """Pairs of each seed in a log, as plain data."""
+    lines = log.read_text().splitlines() if log.exists() else []
+    return {entry["seed"]: entry["pairs"] for entry in map(json.loads, lines)}
+
+
+def drawn(count: int, log: Path) -> Iterator[int]:
+    """The seeds of a log, and numbers of the machine's own source of chance until there are ``count``."""
+    seeds, source = list(_logged(log)), random.SystemRandom()
+    yield from seeds
+    for _ in range(count - len(seeds)):
+        yield source.randrange(2**31, 2**32)
+
+
 def main() -> int:
     """Run the command; 1 where pairs are apart."""
     parser = argparse.ArgumentParser(description="all relations on random scenes")
-    parser.add_argument("first", type=int, help="first seed")
-    parser.add_argument("end", type=int, help="seed behind the last one")
+    parser.add_argument("first", type=int, nargs="?", default=0, help="first seed")
+    parser.add_argument("end", type=int, nargs="?", default=0, help="seed behind the last one")
+    parser.add_argument("--draw", type=int, default=0, metavar="N", help="N seeds by chance, in place of a range")
     parser.add_argument("--log", type=Path, required=True, help="file with a line for each seed")
     arguments = parser.parse_args()
-    pairs = on_seeds(range(arguments.first, arguments.end), arguments.log)
+    seeds = drawn(arguments.draw, arguments.log) if arguments.draw else range(arguments.first, arguments.end)
+    pairs = on_seeds(seeds, arguments.log)
     sys.stdout.write(f"{pairs.report()}\n")
     return int(bool(pairs.faults))
 

@@ -14,7 +14,7 @@ from latin_fmu.fem.elements import Elements, mass, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
-from tests.scenes import solve
+from tests.scenes import given_motion, solve
 
 from .oracles import sliding_block
 
@@ -247,6 +247,30 @@ def test_a_block_stands_on_the_ground_from_the_first_instant(sliding: float, pre
         np.testing.assert_allclose(moved[:, 1], sliding * t - 0.5 * 0.8 * 9.81 * t**2, atol=1e-6)
     else:
         np.testing.assert_allclose(moved, 0.0, atol=1e-7)
+
+
+def test_a_block_has_the_acceleration_of_the_rigid_base_it_stands_on() -> None:
+    """F = m a(t) along x, and the load and m a(t) along z, at every instant: the start has this acceleration already,
+    and nothing swings about it."""
+    side, height, load, size = 0.02, 0.01, 3200.0, np.array([1e3, 0.0, 2e3])
+    law = {"type": "table", "times": [0.0, 8e-6], "values": [0.3, 1.0]}
+    tables = column(
+        {
+            "base": Box(STEEL, (side, side, 0.005), (2, 2, 1), keys={"rigid": True}),
+            "block": Box(STEEL, (side, side, height), (2, 2, 1), keys={"rigid": True}),
+        },
+        {"rest": {"friction_coefficient": 0.3}},
+        {"end": 8e-6, "instants": 8, "start": "static"},
+        load={"press": {"face": "block.zmax", "pressure": load / side**2}},
+        boundary={"base": given_motion("base.zmin", size.tolist(), law, "xyz", "acceleration")},
+        solver={"tolerance": 1e-11},
+    )
+    solution = solve(tables)
+    mass = STEEL.density * side**2 * height
+    law_at = np.interp(solution.time, law["times"], law["values"])
+    expected = -mass * np.outer(law_at, size) - [0.0, 0.0, load]
+    force = solution.interfaces["rest"].force()
+    np.testing.assert_allclose(force, expected, atol=1e-9 * load)
 
 
 def shaken(step: float) -> dict[str, Any]:
