@@ -333,6 +333,7 @@ def _another(
         begin = clock.process_time()
         truncation, refused = truncation_of(scene, ready.prediction.discretised, ready.problem, outcome, march)
         outcome.timings.other += clock.process_time() - begin
+        outcome.timings.peak_memory = peak_memory()
         if not refused:
             return None, truncation
         words = f"{refused}; the try took {clock.process_time() - limit.begin:.3g} s of CPU"
