@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from .assembly.build import discretise, solver_ready
 from .assembly.free_bodies import loss_of_equilibrium
@@ -22,6 +22,9 @@ from .latin.processes import Processes
 from .machine import one_thread
 from .remarks import remarks_of
 from .scene.schema import Scene
+
+PAYS: Final = 20.0
+"""Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +122,11 @@ def _marched_by_bodies(problem: SolverReadyProblem, reasons: list[str]) -> Solve
 
 def _tries_modes(discretised: DiscretisedProblem, prediction: Prediction) -> bool:
     """Whether the program tries the march by modes."""
-    if discretised.scene.time.quasi_static:
+    if discretised.scene.time.quasi_static or prediction.march < PAYS:
         return False
-    from .effects.modal_choice import PAYS, tries_modes
+    from .effects.modal_choice import tries_modes
 
-    return prediction.march >= PAYS and tries_modes(discretised)
+    return tries_modes(discretised)
 
 
 def check_distributable(discretised: DiscretisedProblem, size: int) -> None:

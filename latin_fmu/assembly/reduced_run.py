@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import SolverError
-from ..latin.assembly import Array, Assembly, GroundState, Index, Layout
+from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
 from ..latin.probes import FacePlace, OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
@@ -208,10 +208,7 @@ def reduced_march(
     alone = [against_ground(units[i]) for i in relative]
     layout = Layout(alone)
     channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
-    places = [np.zeros((0, 3))]
-    for j, unit in enumerate(alone):
-        places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
-    model = _model(reduced, _start(tied, reduced, drives), layout, channels, np.concatenate(places))
+    model = _model(reduced, _start(tied, reduced, drives), layout, channels, _patches(alone, reduced, layout, finer))
     try:
         propagator = DirectPropagator([model], MasslessContact(), dt, True)
     except SolverError as error:
@@ -302,10 +299,24 @@ def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) ->
     return made[0], made[1]
 
 
+def _patches(
+    units: Sequence[InterfaceUnit], reduced: ReducedAssembly, layout: Layout, finer: ReducedMarch | None
+) -> list[Index]:
+    """Rows of S, patch by patch: those of ``finer``, whose S it is, where there is one."""
+    if finer is not None:
+        face = finer.assembly.propagators[0].members[0].face
+        assert face is not None, "a reduced assembly has a stiffness of its relative motions"
+        return face.patches
+    places = [np.zeros((0, 3))]
+    for j, unit in enumerate(units):
+        places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
+    return partition(np.concatenate(places)[reduced.tied.exists], reduced.relative, OF_RESPONSE)
+
+
 def _model(
-    reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index, places: Array
+    reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index, patches: list[Index]
 ) -> SubstructureModel:
-    """The reduced assembly as one substructure; ``places`` : (n_channel, 3) of its points, m."""
+    """The reduced assembly as one substructure; ``patches`` : of its relative motions."""
     m, n = reduced.n_mode, reduced.n_mode + reduced.tied.n_relative
     exists = np.flatnonzero(reduced.tied.exists)
     mass = np.zeros(n)
@@ -313,7 +324,6 @@ def _model(
     drag = np.zeros((n, n))
     drag[:m, :m] = reduced.drag
     stiffness = reduced.relative
-    patches = partition(places[exists], stiffness, OF_RESPONSE)
     return SubstructureModel(
         name=NAME,
         mass=sp.csr_array(sp.diags_array(mass)),

