@@ -1,12 +1,13 @@
-"""Bolted assemblies marched in three ways, in turn: time, memory and differences; and one whose joints are all bonded.
+"""Bolted assemblies marched in four ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
     python examples/benchmarks/assemblies.py [--rounds N] [--share X]
 
 ``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
-bodies as one; ``modal`` the modes of the assembly. For the electronics box and the bolted beam (5 ms of it): seconds of
-the processor for the set-up with the static start, for the march and for the rest, by rounds in turn, medians; the peak
-memory of a process of its own; and what the others differ from ``iterate`` by: tensions of the bolts, work of friction,
-the shock response spectrum of each sensor up to 5 kHz.
+bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march that tells
+its error. For the electronics box and the bolted beam (5 ms of it): seconds of the processor for the set-up with the
+static start, for the march and for the rest, by rounds in turn, medians; the peak memory of a process of its own; and
+what the others differ from ``iterate`` by: tensions of the bolts, work of friction, the shock response spectrum of each
+sensor up to 5 kHz.
 
 The box with all its joints bonded, undamped, and hit by a pressure on its lid: the march beside a linear transient of
 the merged mesh: HHT with one solution by the same Cholesky factor and one product with K and with M in a step, nothing
@@ -32,7 +33,7 @@ import numpy as np
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ENDS = {"electronics_box": 10e-3, "bolted_beam": 5e-3}  # s
-KINDS = ("iterate", "direct", "modal")
+KINDS = ("iterate", "direct", "modal", "automatic")
 BONDED = ("iterate", "with energies", "direct", "transient")
 HIT = """
 [boundary.base]
@@ -65,7 +66,7 @@ def one(model: str, kind: str, share: float) -> dict[str, Any]:
 
     scene = latin_fmu.load_scene(MODELS / model / "scene.toml")
     scene = scene.replace("time.end", share * ENDS[model])
-    scene = scene.replace("solver.propagator", "modal" if kind == "modal" else "direct")
+    scene = scene.replace("solver.propagator", kind if kind in ("modal", "automatic") else "direct")
     scene = scene.replace("solver.bonds", "iterate") if kind == "iterate" else scene
     solution = latin_fmu.solve(scene)
     outcome, timings = solution.outcome, solution.outcome.timings
