@@ -25,7 +25,7 @@ from ..assembly.reduced_run import steps_resolve_spectra
 from ..assembly.tied_assembly import Joints, TieError
 from ..fem.contact_layer import longest_edge
 from ..latin.outcome import InterfaceHistory, Outcome
-from ..machine import one_thread
+from ..machine import memory_room, one_thread
 from ..results.estimates import TruncationError
 from ..results.quantities_of_interest import FRICTION_WORK, PEAK_FORCE_RAW, SPECTRUM, definition_of
 from ..results.solution import Solution
@@ -39,6 +39,7 @@ MOST_RELATIVE: Final = 4000
 _CHANGE: Final = 1.6  # change of a quantity over its error (module docstring)
 _OF_SPECTRUM: Final = 2.0  # the same of a spectrum
 _WITHOUT_ORDER: Final = 0.1  # change that no order of an error explains
+_HISTORIES: Final = 9  # of a channel, of both marches, at an instant
 _APART: Final = 0.1  # of the size of a body: contacts that move further meet other points
 
 
@@ -56,7 +57,17 @@ def tries_modes(discretised: DiscretisedProblem) -> bool:
     # the modes that a spectrum asks for take shorter steps
     if not steps_resolve_spectra(scene, discretised.dt):
         return False
+    # motions and interfaces are in memory at every instant
+    if scene.output.interfaces_every != 1 or not _fits(discretised):
+        return False
     return 0 < _relative(discretised) <= MOST_RELATIVE and _long_steps(discretised)
+
+
+def _fits(discretised: DiscretisedProblem) -> bool:
+    """Whether the histories of both marches take less than half of the memory that there is."""
+    need = 8.0 * _HISTORIES * len(discretised.time) * discretised.layout.n_flat
+    room, limit = memory_room()
+    return not limit or need < 0.5 * room
 
 
 def by_choice(discretised: DiscretisedProblem) -> DiscretisedProblem:

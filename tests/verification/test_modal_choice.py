@@ -12,6 +12,7 @@ import pytest
 from latin_fmu import preparation, scene_from_dict
 from latin_fmu.api import solve
 from latin_fmu.assembly.build import discretise
+from latin_fmu.effects import modal_choice
 from latin_fmu.effects.modal_choice import tries_modes
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.results.estimates import TruncationError
@@ -69,6 +70,7 @@ def test_a_larger_error_than_allowed_takes_the_bodies() -> None:
         ("time.scheme", "hht"),
         ("solver.propagator", "direct"),
         ("solver.window", 5),
+        ("output", {"interfaces_every": 2}),  # their instants are not those of the second march
         ("interface.lap.behaviour", "perfect"),  # nothing slides
     ],
 )
@@ -83,6 +85,14 @@ def test_scenes_that_are_not_tried(change: str, value: Any) -> None:
     else:
         changed = scene.replace(change, value)
     assert not tries_modes(discretise(changed))
+
+
+def test_long_runs_that_do_not_fit_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    discretised = discretise(scene_from_dict(joint()))
+    rows = 8.0 * len(discretised.time) * discretised.layout.n_flat
+    for room, tried in ((10.0 * rows, False), (100.0 * rows, True)):
+        monkeypatch.setattr(modal_choice, "memory_room", lambda room=room: (room, "a limit"))
+        assert tries_modes(discretised) is tried
 
 
 def test_small_scenes_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
