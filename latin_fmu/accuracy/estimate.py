@@ -384,7 +384,7 @@ def estimate_error(
     start = clock.process_time()
     # a mesh that can be coarsened has an error of its own
     if solution.truncation is not None and not coarsens_mesh(scene):
-        return told_by_modes(scene, solution, solution.truncation)
+        return estimate_by_modes(scene, solution, solution.truncation)
     plan = coarser_runs_of(scene, third=solution.timings.predicted > LONG)
     if plan is None:
         return ErrorEstimate((), ("too few time steps for an estimate",))
@@ -423,11 +423,11 @@ def estimate_error(
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
 
 
-def told_by_modes(scene: Scene, solution: Solution, told: TruncationError) -> ErrorEstimate:
-    """Estimate of a march by modes from the second one that told its error: nothing is run."""
+def estimate_by_modes(scene: Scene, solution: Solution, truncation: TruncationError) -> ErrorEstimate:
+    """Estimate of a march by modes from the second one that its error was estimated by: nothing is run."""
     plan = CoarserRuns(Resolution(1.0, 0.5), None, (UNREFINED,) if mesh_files(scene) else ())
     fine = measure_solution(scene, solution)
-    half = measure_solution(scene, replace(solution, outcome=told.coarse))
+    half = measure_solution(scene, replace(solution, outcome=truncation.coarse))
     estimates = plan.estimates(scene, fine, {"half": half})
     remarks = *plan.remarks, *band_remarks(scene, solution, list(solution.sensors))
     return ErrorEstimate(estimates, remarks, 0.0, spectrum_errors(fine, half, 2.0))

@@ -37,7 +37,7 @@ def modal_problem(
 def coarser_problem(
     discretised: DiscretisedProblem, start: InitialState | None, march: ReducedMarch
 ) -> SolverReadyProblem:
-    """The problem in steps twice as long and with fewer modes, which tells the error of ``march``; histories of
+    """The problem in steps twice as long and with fewer modes, for the estimate of the error of ``march``; histories of
     interfaces, sensors and bolts alone."""
     count = -(-discretised.scene.time.n_step // 2)
     time = np.linspace(0.0, discretised.scene.time.end, count + 1)

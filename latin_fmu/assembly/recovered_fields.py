@@ -284,7 +284,7 @@ class RecoveredRecorder(Recorder):
         if request.energy:
             self._series["energy"]["drift"][:n] = kept.series("energy")["drift"]
         self._leave(n)
-        del self._motions  # shapes of all bodies: a march that tells the error may follow
+        del self._motions  # shapes of all bodies: a march for the estimate of the error may follow
 
     def _motions_of(self, march: Any, histories: Mapping[str, Array]) -> Any:
         """Motion of the bodies by the histories of the dofs of the march."""

@@ -49,7 +49,7 @@ _SEARCH: Final = 3.3  # factor on the search direction
 _SHARE: Final = 0.2  # of the inverse of the step: frequency up to which modes are taken
 _BEYOND: Final = 4.0  # the same over the highest frequency of a spectrum, at least
 COARSER: Final = 2.0
-"""Cut-off of the modes of a march over that of the one that tells its error."""
+"""Cut-off of the modes of a march over that of the one for the estimate of its error."""
 NAME = "assembly"
 """Name of the one substructure of a reduced assembly, and of the histories of its modes."""
 RELATIVE = "relative"
@@ -254,7 +254,7 @@ def _modes(
 
 
 def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
-    """Those of a march in steps dt, s, that tells the error of a finer one."""
+    """Those of a march in steps dt, s, for the estimate of the error of a finer one."""
     cutoff = finer.cutoff / COARSER
     return coarser(finer.reduced, dt, cutoff), cutoff
 

@@ -1,10 +1,10 @@
 """Whether the program marches an assembly by its modes where the scene leaves the choice to it, and the error of that.
 
-It does where that march costs far less than that of the bodies, and its error can be told and is small: steps longer
-than waves take through an element, few relative motions, faces that neither land nor are hit by a front.
+It does where that march costs far less than that of the bodies, and its error can be estimated and is small: steps
+longer than waves take through an element, few relative motions, faces that neither land nor are hit by a front.
 
-Its error is told by a second march in steps twice as long with the modes up to half the frequency. Both leave out what
-modes above their cut-off and shorter steps would add; an error of order p is the change from one to the other over
+Its error is estimated by a second march in steps twice as long with the modes up to half the frequency. Both leave out
+what modes above their cut-off and shorter steps would add; an error of order p is the change from one to the other over
 2^p - 1. Exact modes with static responses of those left out are of order two in both; contacts that open and slide are
 of less: 2^p - 1 is taken as 2 for spectra and as 1.6 for all else. A change of more than a tenth follows no order, and
 is the error. The friction work has the work of the errors of the iteration besides, which both share.
@@ -86,7 +86,7 @@ def truncation_of(
 ) -> tuple[TruncationError | None, str]:
     """Error of a march by modes that the program has chosen, and why it is given up; empty where it is not.
 
-    discretised, problem, outcome : of the march. march : solves the problem whose march tells the error.
+    discretised, problem, outcome : of the march. march : solves the problem whose march serves the estimate of it.
     """
     tried = "the march by modes was tried, and "
     if not outcome.converged:
@@ -97,7 +97,7 @@ def truncation_of(
         coarser = coarser_problem(discretised, problem.start, cast(Any, problem.reduced))
     other = march(coarser)
     if not other.converged:
-        return None, f"{tried}the one that tells its error {other.status.partition('.')[0]}"
+        return None, f"{tried}the one for the estimate of its error {other.status.partition('.')[0]}"
     truncation, most = truncation_error(scene, outcome, other), scene.solver.reduction_error
     if truncation.largest[1] <= most:
         return truncation, ""

@@ -60,8 +60,8 @@ class TruncationError:
 
     Attributes
     ----------
-    errors : relative, by quantity (``run_quantities``). coarse : of the march that tells it, in longer steps with fewer
-        modes.
+    errors : relative, by quantity (``run_quantities``). coarse : of the march that it is estimated by, in
+        longer steps with fewer modes.
     """
 
     errors: dict[str, float]
@@ -69,7 +69,7 @@ class TruncationError:
 
     @property
     def largest(self) -> tuple[str, float]:
-        """The quantity with the largest error, and that; infinite where one cannot be told."""
+        """The quantity with the largest error, and that; infinite where one has no estimate."""
         if not self.errors:
             return "", math.inf
         name = max(self.errors, key=lambda q: np.nan_to_num(self.errors[q], nan=np.inf))

@@ -194,7 +194,9 @@ class Solution:
         remarks = [] if self.estimate is None else [*self.estimate.remarks]
         if self.truncation is not None:
             marched = self.outcome.settings["propagator"]
-            remarks.append(f"marched by {marched}; error of that, told by a coarser one: {self.truncation.in_words()}")
+            remarks.append(
+                f"marched by {marched}; error of that, estimated by a coarser one: {self.truncation.in_words()}"
+            )
         notes = (line for remark in remarks for line in wrapped("note", remark))
         return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]
 

@@ -1,4 +1,4 @@
-"""The program's own choice between the march by modes and that of the bodies, and the error that it tells."""
+"""The program's own choice between the march by modes and that of the bodies, and the estimate of its error."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ def always_pays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_modes_are_taken_with_an_error_that_is_not_exceeded() -> None:
-    """Against the bodies in steps a quarter as long: none of the quantities is further off than what is told."""
+    """Against the bodies in steps a quarter as long: none of the quantities is further off than what is estimated."""
     scene = scene_from_dict(joint(reduction_error=0.1))
     solution = solve(scene)
     assert solution.converged
     assert solution.truncation is not None
     assert "modes of the assembly" in solution.outcome.settings["propagator"]
-    name, told = solution.truncation.largest
-    assert 0.0 < told <= 0.1
+    name, estimated = solution.truncation.largest
+    assert 0.0 < estimated <= 0.1
     assert name in solution.summary()
     reference = measure_solution(scene, solve(scene.replace("solver.propagator", "direct").replace("time.step", 5e-7)))
     found = measure_solution(scene, solution)
     for quantity in solution.truncation.errors:
-        assert found.error(quantity, reference) <= told, quantity
+        assert found.error(quantity, reference) <= estimated, quantity
 
 
 def test_a_larger_error_than_allowed_takes_the_bodies() -> None:
@@ -120,7 +120,7 @@ def test_an_interrupted_run_goes_on_as_it_was(tmp_path: Path, allowed: float) ->
     assert np.array_equal(whole.interfaces["lap"].traction, resumed.interfaces["lap"].traction)
 
 
-def test_what_cannot_be_told_is_not_small() -> None:
+def test_what_has_no_estimate_is_not_small() -> None:
     """A quantity that the second march does not have."""
     assert TruncationError({"a.spectrum": np.nan, "a.impulse": 1e-9}, None).largest == ("a.spectrum", np.inf)  # type: ignore[arg-type]
     assert "not known" in TruncationError({"a.spectrum": np.nan}, None).in_words()  # type: ignore[arg-type]
@@ -174,12 +174,12 @@ SEEDS = (
     243718,
     684816,
 )
-"""Drawn after the rule that tells the error was fixed."""
+"""Drawn after the rule of the estimate was fixed."""
 
 
 @pytest.mark.slow
-def test_errors_told_of_stacks_by_seeds() -> None:
-    """The largest error told is at least the largest true one in nine of ten assemblies that are tried, and the bodies
+def test_errors_of_stacks_by_seeds() -> None:
+    """The largest estimated error is at least the largest true one in nine of ten assemblies that are tried, and the bodies
     are marched where the true one passes 3 %; against the bodies in steps a quarter as long."""
     limit, enough, rows, wrong = 0.02, 0, list[str](), list[str]()
     for seed in SEEDS:
@@ -187,13 +187,13 @@ def test_errors_told_of_stacks_by_seeds() -> None:
         modes = solve(scene.replace("solver.reduction_error", 0.99))
         if modes.truncation is None:
             continue
-        told = modes.truncation.largest[1]
+        estimated = modes.truncation.largest[1]
         reference = solve(scene.replace("solver.propagator", "direct").replace("time.step", 1e-6))
         exact, found = measure_solution(scene, reference), measure_solution(scene, modes)
         true = max(found.error(quantity, exact) for quantity in modes.truncation.errors)
-        rows.append(f"seed {seed}: told {100 * told:.2f} %, true {100 * true:.2f} %")
-        enough += told >= min(true, 0.5)  # a half or more: chaotic, and said so
-        if told <= limit and true > 0.03:
+        rows.append(f"seed {seed}: estimated {100 * estimated:.2f} %, true {100 * true:.2f} %")
+        enough += estimated >= min(true, 0.5)  # a half or more: chaotic, and said so
+        if estimated <= limit and true > 0.03:
             wrong.append(rows[-1])
     assert not wrong, wrong
     assert len(rows) >= 8, "\n".join(rows)
