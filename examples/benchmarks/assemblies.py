@@ -6,8 +6,8 @@
 bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march for the
 estimate of its error. For the electronics box and the bolted beam (5 ms of it): seconds of the processor for the set-up
 with the static start, for the march and for the rest, by rounds in turn, medians; the peak memory of a process of its
-own; and what the others differ from ``iterate`` by: tensions of the bolts, work of friction, the shock response spectrum
-of each sensor up to 5 kHz.
+own; and what the others differ from ``iterate`` by: tensions of the bolts, work of friction, the shock response
+spectrum of each sensor up to 5 kHz.
 
 The box with all its joints bonded, undamped, and hit by a pressure on its lid: the march beside a linear transient of
 the merged mesh: HHT with one solution by the same Cholesky factor and one product with K and with M in a step, nothing

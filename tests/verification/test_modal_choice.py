@@ -179,8 +179,8 @@ SEEDS = (
 
 @pytest.mark.slow
 def test_errors_of_stacks_by_seeds() -> None:
-    """The largest estimated error is at least the largest true one in nine of ten assemblies that are tried, and the bodies
-    are marched where the true one passes 3 %; against the bodies in steps a quarter as long."""
+    """The largest estimated error is at least the largest true one in nine of ten assemblies that are tried, and the
+    bodies are marched where the true one passes 3 %; against the bodies in steps a quarter as long."""
     limit, enough, rows, wrong = 0.02, 0, list[str](), list[str]()
     for seed in SEEDS:
         scene = scene_from_dict(stack(seed))
