@@ -2,8 +2,8 @@
 
 Modes are those of an assembly whose contacts are tied. A part that slides or lifts off as a whole moves as none of
 them: their sum comes close to it slowly, and few modes leave out a share of its mass. With the motions R of the
-assembly in which each part is rigid and no bond, spring or support is strained, B their relative motions at the contacts
-and u = Phi zeta + (Psi - Phi G) r the motion of the reduced assembly, that share is
+assembly in which each part is rigid and no bond, spring or support is strained, B their relative motions at the
+contacts and u = Phi zeta + (Psi - Phi G) r the motion of the reduced assembly, that share is
 
     M_left = R^T M R - (Phi^T M R)^T (Phi^T M R) = E^T B,    E = (Psi - Phi G)^T M R
 
