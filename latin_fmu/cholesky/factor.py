@@ -74,6 +74,7 @@ class CholeskyFactor:
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
     face : sorted dofs that ``face_solve`` and ``face_inverse`` are for; none of them in ``last``.
     store : where the numbers are looked for, and kept.
+    definite : whether S is positive definite; where it may be singular it has no inverse, and ``held_solve`` alone.
 
     Attributes
     ----------
@@ -96,6 +97,7 @@ class CholeskyFactor:
         symbolic: Symbolic | None = None,
         face: Index | None = None,
         store: OperatorStore = NO_STORE,
+        definite: bool = True,
     ) -> None:
         shape = shared_analysis(Pattern(matrix, last, rank, face, store)) if symbolic is None else symbolic
         self.symbolic = shape
@@ -110,14 +112,14 @@ class CholeskyFactor:
         # rows and places of panels follow from the matrix and its order: they need no part in the name
         given = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
         self.name = store.name("factor", *given)
-        made = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
+        made = store.remember(self.name, lambda: self._factorised(matrix, definite), ("panels",))
         self.panels: NDArray[Any] = made["panels"]
         self.schur: Array = made["schur"]
         self.schur_inverse: Array = made["schur_inverse"]
         self.grouped = self.panels.nbytes <= _CACHE
 
-    def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
-        """Panels, Schur complement and its inverse."""
+    def _factorised(self, matrix: sp.csr_array, definite: bool) -> dict[str, NDArray[Any]]:
+        """Panels, Schur complement and its inverse, which is empty where it may have none."""
         shape = self.symbolic
         # the kernel adds to the Schur complement, and writes every number of the panels
         panels, schur = np.empty(shape.panel_start[-1], dtype=self.dtype), np.zeros((len(self.last), len(self.last)))
@@ -143,7 +145,7 @@ class CholeskyFactor:
         if self._among is not None:
             schur += self._among
             self._among = None  # it is in the Schur complement now
-        inverse = schur.copy()
+        inverse = schur.copy() if definite else np.zeros((0, 0))
         if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))
         return {"panels": panels, "schur": schur, "schur_inverse": inverse}
@@ -234,14 +236,22 @@ class CholeskyFactor:
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""
         if b.shape[1] >= MANY and not len(self.last):
-            self._check_rows("b", len(b), len(self.symbolic.order))
-            x = np.ascontiguousarray(b[self.symbolic.order], dtype=float)
-            self._multiplied(x, np.zeros_like(self.symbolic.face_start))
-            out = np.empty_like(x)
-            out[self.symbolic.order] = x
-            return out
+            return self.held_solve(b)
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
+
+    def held_solve(self, b: Array) -> Array:
+        """A_II^-1 b_I for b (n, m), with zeros (n, m) at the interface: it is held."""
+        if b.shape[1] < MANY:
+            y, c = self.forward(b)
+            return self.backward(y, np.zeros_like(c))
+        order, n_interior = self.symbolic.order, self.symbolic.n_interior
+        self._check_rows("b", len(b), len(order))
+        x = np.ascontiguousarray(b[order], dtype=float)
+        self._multiplied(x, np.zeros_like(self.symbolic.face_start))
+        out = np.zeros_like(x)
+        out[order[:n_interior]] = x[:n_interior]
+        return out
 
 
 class StiffenedFactor(CholeskyFactor):
