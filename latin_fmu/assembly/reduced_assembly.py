@@ -38,7 +38,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from ..cholesky.factor import CholeskyFactor
+from ..cholesky.factor import CholeskyFactor, InsideFactor
 from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
 from ..propagator.lanczos import lowest_modes
@@ -79,7 +79,7 @@ class StaticSolver:
         self.rigid, self._pulled = rigid, np.asarray(tied.mass[:n, :n] @ rigid)
         held = np.vstack([rigid, np.zeros((size, rigid.shape[1]))])
         last: Index = np.arange(n, n + size, dtype=np.int64)
-        self._factor = CholeskyFactor(supported(tied.stiffness, held), last, tied.rank, definite=False)
+        self._factor = InsideFactor(supported(tied.stiffness, held), last, tied.rank)
         self.relative = self._factor.schur
         self._n_relative = size
 

@@ -74,7 +74,6 @@ class CholeskyFactor:
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
     face : sorted dofs that ``face_solve`` and ``face_inverse`` are for; none of them in ``last``.
     store : where the numbers are looked for, and kept.
-    definite : whether S is positive definite; where it may be singular it has no inverse, and ``held_solve`` alone.
 
     Attributes
     ----------
@@ -86,6 +85,7 @@ class CholeskyFactor:
     SolverError : the matrix is not symmetric positive definite.
     """
 
+    _definite = True  # whether S is (``InsideFactor``)
     _among: Array | None = None  # dense part among the last dofs (``StiffenedFactor``)
 
     def __init__(
@@ -97,7 +97,6 @@ class CholeskyFactor:
         symbolic: Symbolic | None = None,
         face: Index | None = None,
         store: OperatorStore = NO_STORE,
-        definite: bool = True,
     ) -> None:
         shape = shared_analysis(Pattern(matrix, last, rank, face, store)) if symbolic is None else symbolic
         self.symbolic = shape
@@ -112,13 +111,13 @@ class CholeskyFactor:
         # rows and places of panels follow from the matrix and its order: they need no part in the name
         given = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
         self.name = store.name("factor", *given)
-        made = store.remember(self.name, lambda: self._factorised(matrix, definite), ("panels",))
+        made = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
         self.panels: NDArray[Any] = made["panels"]
         self.schur: Array = made["schur"]
         self.schur_inverse: Array = made["schur_inverse"]
         self.grouped = self.panels.nbytes <= _CACHE
 
-    def _factorised(self, matrix: sp.csr_array, definite: bool) -> dict[str, NDArray[Any]]:
+    def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
         """Panels, Schur complement and its inverse, which is empty where it may have none."""
         shape = self.symbolic
         # the kernel adds to the Schur complement, and writes every number of the panels
@@ -145,7 +144,7 @@ class CholeskyFactor:
         if self._among is not None:
             schur += self._among
             self._among = None  # it is in the Schur complement now
-        inverse = schur.copy() if definite else np.zeros((0, 0))
+        inverse = schur.copy() if self._definite else np.zeros((0, 0))
         if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))
         return {"panels": panels, "schur": schur, "schur_inverse": inverse}
@@ -252,6 +251,13 @@ class CholeskyFactor:
         out = np.zeros_like(x)
         out[order[:n_interior]] = x[:n_interior]
         return out
+
+
+class InsideFactor(CholeskyFactor):
+    """``CholeskyFactor`` whose S may be singular, as that of parts which nothing but the interface holds: S has no
+    inverse, and of the solutions there is ``held_solve`` alone."""
+
+    _definite = False
 
 
 class StiffenedFactor(CholeskyFactor):
