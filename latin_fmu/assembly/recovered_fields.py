@@ -36,7 +36,7 @@ from .tied_assembly import MASS, STIFFNESS, jump_rows
 
 _EXACT: Final = 1e-3  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
-_COLUMNS: Final = 96  # that are solved together: vectors of all dofs
+_COLUMNS: Final = 40  # that are solved together: vectors of all dofs
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
 

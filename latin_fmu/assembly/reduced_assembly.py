@@ -55,7 +55,6 @@ _LARGEST: Final = 1.2
 _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
-_COLUMNS: Final = 96  # that are solved together: vectors of all dofs
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
 _OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "damping", "drag", "beyond")  # of the tied assembly
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
