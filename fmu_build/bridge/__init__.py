@@ -1,8 +1,7 @@
 """Compile and find the library of an FMU: C functions of FMI 2.0 and 3.0 that call methods in the Python of the host.
 
-``bridge.h`` declares one instance, ``python.c`` finds the interpreter of the process or starts one, ``fmi2.c`` and
-``fmi3.c`` are the functions, ``calls.c`` says which of them is allowed in which state; all but ``python.c`` serve
-compiled FMUs too.
+``python.c`` finds the interpreter of the process or starts one; the functions themselves are those of the runtime
+(``latin_fmu.cosim.runtime``).
 
 The compiler of ``ziglang`` makes the libraries of all platforms when a wheel is built; in
 a source tree the library of this machine is compiled when the first FMU is built (by ``cc`` where there is one, which
@@ -26,6 +25,7 @@ from types import MappingProxyType
 from typing import Final
 
 from latin_fmu.compiled.library import suffix, target
+from latin_fmu.cosim import runtime
 
 HERE: Final = Path(__file__).parent
 BUILD: Final = HERE.parents[1] / "build"
@@ -45,13 +45,13 @@ _WARNINGS: Final = ("-Wall", "-Wextra", "-Werror")
 
 def sources() -> list[Path]:
     """The C sources, in the order of compilation."""
-    return [HERE / name for name in ("python.c", "common.c", "calls.c", "fmi2.c", "fmi3.c")]
+    return [HERE / "python.c", *(runtime.HERE / name for name in ("common.c", "calls.c", "fmi2.c", "fmi3.c"))]
 
 
 def file_name(target: str) -> str:
     """Name of the library for an operating system and processor; it holds the digest of its sources."""
     digest = hashlib.sha256()
-    for path in (HERE / "bridge.h", *sources()):
+    for path in (runtime.HERE / "instance.h", *sources()):
         digest.update(path.read_bytes().replace(b"\r\n", b"\n"))  # as git writes them on Windows
     return f"_bridge-{target}-{digest.hexdigest()[:12]}{suffix(target)}"
 
@@ -89,6 +89,7 @@ def compiled(target: str, folder: Path, compiler: Sequence[str]) -> Path:
         made = Path(place) / library.name
         # hidden: functions of FMUs in one process have the same names
         options = ["-std=c99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
+        options.append(f"-I{runtime.HERE}")
         libraries = [] if target.startswith("windows") else ["-ldl"]
         if target.startswith("darwin"):
             # the name by which others would link it, and not the path where it is made

@@ -4,7 +4,7 @@
    Every call of the host is one call of a method. The method returns a status of the FMI, and PENDING where messages
    wait. An exception becomes a message and the status Error: the instance lives on. No object of Python is used without
    the lock of the interpreter. */
-#include "bridge.h"
+#include "instance.h"
 
 #include <stdio.h>
 

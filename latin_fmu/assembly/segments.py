@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -33,7 +33,7 @@ _OWN_SIZES = ("start", "running")  # entries of a snapshot whose size depends on
 _MAY_BE_NONE = ("stored",)
 _DEEPEST = 0.1  # of the size of the assembly: a deeper penetration of a contact without layers is no result of a run
 _SAME_GAP = 1e-9  # of the size of the assembly: difference of gaps by round-off
-_RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
+RUNNING: Final = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
 
 
 @dataclass(frozen=True)
@@ -307,7 +307,7 @@ class SegmentedRun(SegmentState):
             return replace(segment, accepted=False)
         self.made += n
         if segment.energy is not None:
-            for term in _RUNNING:
+            for term in RUNNING:
                 if term in segment.energy:
                     self.running[term] = float(segment.energy[term][-1])
         if self.communication is None and self.run is not None:  # else the kernels keep it
@@ -326,7 +326,7 @@ class SegmentedRun(SegmentState):
         solve(run)
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
-            for term in _RUNNING:
+            for term in RUNNING:
                 if term in energy:
                     energy[term] = energy[term] + self.running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
@@ -440,7 +440,7 @@ def _check_opening(inputs: Collection[str], tree: Any) -> None:
             check_numbers(tree[name], f"state.{name}")
     if not isinstance(tree["made"], int) or tree["made"] < 0:
         raise unlike("state.made", "a number of time steps that there cannot be")
-    for name, known in (("start", inputs), ("running", _RUNNING)):
+    for name, known in (("start", inputs), ("running", RUNNING)):
         if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
             raise unlike(f"state.{name}", "other entries than here")
 

@@ -12,23 +12,16 @@ reached: a jump of its value takes the first time step. A displacement enters th
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Mapping, Sequence
-from inspect import unwrap
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import InputError, Problem
 from ..file_digest import is_damaged
-from ..kernels import inputs
 from ..latin.outcome import Array
-from ..latin.state_serialization import check_like, check_numbers, unlike
-from ..scene.laws import TableLaw
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
-from .drives import sampler
 from .input_table import given_of
 from .variable import input_variable, is_wave, variable_of
 from .variables import HOLD, LINE
@@ -40,16 +33,7 @@ Histories = dict[str, tuple[Array, Array]]
 """Times, s, and amplitudes by load."""
 
 
-class GridPart(NamedTuple):
-    """Part of the grid that a communication step takes: number of the time steps that end in it, and the fraction of a
-    time step between the last instant and its end."""
-
-    n: int
-    rest: float
-
-
 _HEADING = "the load histories cannot be used"
-_placed = unwrap(inputs.placed)  # as Python: it takes a tenth of the time of a call of the library
 
 
 def rule_of(name: str, rule: int, rate: float) -> int:
@@ -63,23 +47,18 @@ class GivenLoads:
 
     Attributes
     ----------
-    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load. kinds : of
-    the loads (``kernels.inputs``).
+    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load.
     """
 
     def __init__(self, scene: Scene) -> None:
-        given = given_of(scene)
-        self._sources = {source.name: source for source in given}
-        self._start = {source.name: source.start for source in given}
-        self.kinds = np.array([source.drives for source in given], dtype=np.int64)
-        self._displacements = {source.name for source in given if source.drives == inputs.DISPLACEMENT}
+        self._start = {source.name: source.start for source in given_of(scene)}
         self.reset()
 
     def reset(self) -> None:
         """Set every load to its start value; remove the histories."""
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
-        self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
+        self._initial = dict(self._start)  # values when the simulation began
         self.histories: Histories = {}
 
     @property
@@ -108,152 +87,32 @@ class GivenLoads:
             allowed = ", ".join(self._start) or 'none: give a load, a driven face or the ground law = "input"'
             raise InputError([Problem(variable_of(name), "not set from outside", None, allowed)])
 
-    def not_finite(self) -> str:
-        """The first value or rate that is not finite, as text; empty where all are finite."""
-        for name in self._start:
-            if not math.isfinite(self.value[name]):
-                return f"{input_variable(name, 'value')} = {self.value[name]!r}"
-            if not math.isfinite(self.rate[name]):
-                return f"{input_variable(name, 'rate')} = {self.rate[name]!r}"
-        return ""
+    def given(self) -> Array:
+        """Values and rates that are set, (n, 2), in the order of the loads."""
+        return np.array([*zip(self.value.values(), self.rate.values(), strict=True)], dtype=float).reshape(-1, 2)
 
-    def changed(self) -> str:
-        """Name of the first load that was changed since ``begin``; empty where none was."""
-        return next((name for name, initial in self._initial.items() if self.get(name) != initial), "")
+    def begin(self) -> None:
+        """Start a simulation with the present values."""
+        self._initial = dict(self.value)
 
-    def initial_values(self) -> dict[str, float]:
-        """Values at ``begin``; before it the present values."""
-        return {name: pair[0] for name, pair in self._initial.items()} or dict(self.value)
+    def starts(self) -> dict[str, float]:
+        """Amplitudes at the start of a simulation that begins now."""
+        return self.value | {name: float(np.interp(0.0, *history)) for name, history in self.histories.items()}
 
     def curves(self, end: float) -> dict[str, Curve]:
         """Histories of the loads; a constant from 0 to ``end``, s, for a load without history."""
-        curves: dict[str, Curve] = {name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()}
+        curves: dict[str, Curve] = {name: ((0.0, end), (value, value)) for name, value in self._initial.items()}
         for name, (times, values) in self.histories.items():
             curves[name] = (tuple(map(float, times)), tuple(map(float, values)))
         return curves
 
-    def starts(self) -> dict[str, float]:
-        """Amplitudes of displacements at the start of the simulation."""
-        initial = self.initial_values()
-        initial |= {name: float(np.interp(0.0, *history)) for name, history in self.histories.items()}
-        return {name: initial[name] for name in sorted(self._displacements)}
-
-    def over(self, instants: Array) -> dict[str, Array]:
-        """What drives a run at given instants, the last of which ends it: histories as laws of the scene would, else
-        the present values; of displacements their rates."""
-        end, driving = float(instants[-1]), dict[str, Array]()
-        for name, source in self._sources.items():
-            times, values = self.histories.get(name, (np.zeros(1), np.array([self.value[name]])))
-            if len(times) == 1:
-                driving[name] = np.full(len(instants), 0.0 if name in self._displacements else values[0])
-                continue
-            law = TableLaw(times=tuple(times.tolist()), values=tuple(values.tolist()))
-            driving[name] = sampler(source._replace(law=law), end)(instants)
-        return driving
-
-
-class Loads(GivenLoads):
-    """Loads set from outside, and what the steps so far have left of them.
-
-    Attributes
-    ----------
-    memory, span : what the steps so far have left (``kernels.inputs``); ``behind``: the fraction of a time step since
-    the last instant.
-    """
-
-    def reset(self) -> None:
-        """Set every load to its start value; remove the histories, and what steps have left."""
-        super().reset()
-        self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
-        # amplitudes of the start value: reached, before it, and driven
-        self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
-        self.span = self.behind = 0.0
-
-    # -- over a simulation ----------------------------------------------------------------------------------------
-    def begin(self) -> None:
-        """Start a simulation with the present values."""
-        self.memory[[inputs.REACHED, inputs.DRIVEN]] = self._given()[0]
-        self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span, self.behind = 0.0, 0.0, 0.0
-        self._initial = {name: self.get(name) for name in self._start}
-
-    def _given(self) -> tuple[Array, Array]:
-        """Values and rates that are set, in the order of the loads."""
-        return np.array(list(self.value.values()), dtype=float), np.array(list(self.rate.values()), dtype=float)
-
-    def driving(self, part: GridPart, dt: float, rule: int) -> dict[str, Array]:
-        """What drives the run over the time steps of dt, s, that a step ends: amplitudes (n + 1,); of displacements
-        their rates, 1/s, over the time steps. rule : HOLD, RATE, LINE or CAUSAL."""
-        lines = np.zeros((len(self._start), part.n + 1))
-        memory = self.memory.reshape(-1)
-        inputs.interpolate(*self._given(), memory, self.kinds, self.span, dt, rule, self.behind, part.rest, lines)
-        return dict(zip(self._start, lines, strict=True))
-
-    def rates(self, rule: int) -> dict[str, float]:
-        """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, and is no wave,
-        that of the causal line."""
-        rates = np.zeros(len(self._start))
-        inputs.rates(*self._given(), self.memory.reshape(-1), self.kinds, self.span, rule, rates)
-        return dict(zip(self._start, rates.tolist(), strict=True))
-
-    def part(self, made: int, t: float, h: float, t0: float, dt: float) -> GridPart:
-        """What of the grid of time steps of dt, s, the step from t to t + h, s, ends; ``made`` : time steps so far,
-        since t0."""
-        # round-off of both ends, in time steps
-        off = 4e-16 * (abs(t) + abs(t + h)) / dt
-        return GridPart(*_placed(made, self.behind, (t + h - t0) / dt, h / dt, off))
-
-    def accept(self, part: GridPart, dt: float, rule: int, done: int | None = None) -> None:
-        """End a step, at its end, or after ``done`` of its time steps of dt, s."""
-        made, begin, memory = part.n if done is None else done, self.behind, self.memory.reshape(-1)
-        self.span = inputs.accept(
-            *self._given(), memory, self.kinds, self.span, dt, rule, made, part.n, begin, part.rest
-        )
-        # a step that ended early ends on the grid
-        self.behind = part.rest if made == part.n else 0.0
-
-    def copy(self) -> Loads:
-        """The same loads, independent of these."""
-        twin = Loads.__new__(Loads)
-        # histories are not changed in place, and may be shared
-        vars(twin).update(vars(self))
-        twin.value, twin.rate, twin.memory = dict(self.value), dict(self.rate), self.memory.copy()
-        return twin
-
-    # -- state ----------------------------------------------------------------------------------------------------
-    def get_state(self) -> dict[str, Any]:
-        """Everything that was set."""
-        return {
-            "value": self.value,
-            "rate": self.rate,
-            "memory": self.memory,
-            "span": self.span,
-            "behind": self.behind,
-            "initial": {name: list(pair) for name, pair in self._initial.items()},
-            "histories": {name: list(pair) for name, pair in self.histories.items()},
-        }
-
-    def check_state(self, state: Any) -> None:
-        """Compare a state that came from outside with these loads. Raises InputError."""
-        own = self.get_state()
-        check_like(state, own, "state.loads", free=("initial", "histories"))
-        if not (state["span"] >= 0.0 and 0.0 <= state["behind"] < 1.0):
-            raise unlike("state.loads", "a step before, or a part of a time step, that there cannot be")
-        for name in ("initial", "histories"):
-            if not isinstance(state[name], dict) or not set(state[name]) <= set(self._start):
-                raise unlike(f"state.loads.{name}", "other loads than here")
-            for load, pair in state[name].items():
-                if not isinstance(pair, list) or len(pair) != 2:
-                    raise unlike(f"state.loads.{name}.{load}", "no pair of numbers")
-                check_numbers(pair, f"state.loads.{name}.{load}")
-        for name, pair in state["histories"].items():
-            check_history(f"state.loads.histories.{name}", *pair)
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what ``get_state`` returned."""
-        self.value, self.rate = state["value"], state["rate"]
-        self.memory, self.span, self.behind = np.array(state["memory"]), state["span"], state["behind"]
-        self._initial = {name: (a, b) for name, (a, b) in state["initial"].items()}
-        self.histories = {name: (t, a) for name, (t, a) in state["histories"].items()}
+    def take(self, given: Array, first: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
+        """Take the inputs of a restored state: values and rates as they are and at the start, (n, 2), histories by
+        number."""
+        names = self.names
+        self.value, self.rate = (dict(zip(names, column.tolist(), strict=True)) for column in given.T)
+        self._initial = dict(zip(names, first[:, 0].tolist(), strict=True))
+        self.histories = {names[i]: history for i, history in histories.items()}
 
 
 # -- histories from a table ---------------------------------------------------------------------------------------

@@ -175,6 +175,11 @@ class RunImage:
         self._use(1)
         self.image.field("scales", 3)[:] = negligible_scales(self.image, one, settings.tolerance)
 
+    @property
+    def probes(self) -> Probes | None:
+        """What the image keeps of the substructures for a recorder beside their energies; None where that is nothing."""
+        return self._probes
+
     def stages(self, n: int, first: int) -> Stages:
         """Stages of a window of n instants from the instant ``first`` on."""
         if self._exchange is None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -247,6 +248,10 @@ class Run(WindowRun):
         counts = np.stack([image.counts(name, n) for name in ("iterations", "newton_steps", "corrections")], axis=1)
         self.windows.keep(first, counts, errors, residuals, image.field("defects", n))
         self._read_indicator()
+
+    def at_work(self) -> AbstractContextManager[None]:
+        """Context of calls of the kernels by another caller, which the threads of the run share."""
+        return self._team.at_work()
 
     def _until(self, first: int) -> int:
         """Instants from ``first`` on that may be solved before something is kept or looked at."""

@@ -10,7 +10,6 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import GridPart
 from latin_fmu.errors import InputError, SolverError
 
 from .scenes import bar, blocks

@@ -1,5 +1,5 @@
-/* The files of a compiled FMU: read and checked once per process, shared by its instances, freed with the last. */
-#include "compiled.h"
+/* The files of an FMU: read and checked once per process, shared by its instances, freed with the last. */
+#include "runtime.h"
 
 #include <stdio.h>
 
@@ -189,10 +189,22 @@ static int understood(Image *image, size_t n_word)
         if (i == 4) image->moving = &head[at].d;
         at += (uint64_t)words[i];
     }
-    image->n_output = head[M_N_OUTPUT].i;
-    image->n_state = head[M_N_STATE].i;
-    image->dt = head[M_DT].d;
-    return at == n_word;
+    return at == n_word && understood_head(image);
+}
+
+int understood_head(Image *image)
+{
+    image->n_output = image->head[M_N_OUTPUT].i;
+    image->n_state = image->head[M_N_STATE].i;
+    image->dt = image->head[M_DT].d;
+    return 1;
+}
+
+/* Whether these words are a whole table of variables. */
+int fits(const Word *table, size_t n_word)
+{
+    return n_word > T_HEADER && memcmp(table, "LATINVAR", 8) == 0 && table[T_LENGTH].u == n_word &&
+           table[T_CHECKSUM].u == checksum(table + T_LENGTH, n_word - T_LENGTH);
 }
 
 static int checked(Image *image, const char *folder, char *trouble, size_t size)
@@ -201,9 +213,7 @@ static int checked(Image *image, const char *folder, char *trouble, size_t size)
     image->table = words_of(folder, table_file, &n_table, trouble, size);
     if (image->table == NULL) return 0;
     const Word *head = image->table;
-    int whole = n_table > T_HEADER && memcmp(head, "LATINVAR", 8) == 0 && head[T_LENGTH].u == n_table &&
-                head[T_CHECKSUM].u == checksum(head + T_LENGTH, n_table - T_LENGTH);
-    if (!whole) return snprintf(trouble, size, "%s/%s is damaged: extract the FMU again", folder, table_file), 0;
+    if (!fits(head, n_table)) return snprintf(trouble, size, "%s/%s is damaged: extract the FMU again", folder, table_file), 0;
     image->head = words_of(folder, known_file, &n_word, trouble, size);
     if (image->head == NULL) return 0;
     /* the table has its own checksum and that of the image: files of two FMUs do not fit each other */
@@ -259,6 +269,11 @@ const Image *image_of(const char *folder, const char *token, char *trouble, size
 void image_freed(const Image *image)
 {
     if (image == NULL) return;
+    if (image->process != NULL) { /* of one instance, in no list: the process keeps what it handed over */
+        free((void *)image->moving);
+        free((void *)image);
+        return;
+    }
     enter();
     Image **link = &images;
     while (*link != image) link = &(*link)->next;  /* it is in the list as long as it has users */

@@ -1,5 +1,5 @@
-/* Variables of a compiled FMU by value reference: what they are is in the table. Histories of prescribed mode. */
-#include "compiled.h"
+/* Variables by value reference: what they are is in the table. Histories of prescribed mode. */
+#include "runtime.h"
 
 #include <ctype.h>
 #include <locale.h>
@@ -114,8 +114,7 @@ static const double *fields_now(const Instance *c)
 {
     const struct Object *o = c->fmu;
     if (o->n_fields == 0) return NULL;
-    double place = (c->time - o->start) / o->image->dt;
-    int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
+    int64_t row = row_now(c);
     return o->fields + size_of_fields(c) * (row < o->n_fields ? row : o->n_fields - 1);
 }
 
@@ -322,7 +321,7 @@ int keep_history(Instance *c, int64_t input, int64_t n, const double *t, const d
     double *block = malloc((size_t)(2 * n + 1) * sizeof *block);
     if (block == NULL) return msg(c, ERROR, "no memory for the history of %s", own);
     free(h->t);
-    *h = (History){n, block, block + n};
+    *h = (History){n, block, block + n, 0};
     memcpy(h->t, t, (size_t)n * sizeof *t);
     memcpy(h->value, values, (size_t)n * sizeof *values);
     return OK;
@@ -441,7 +440,8 @@ int set_histories(Instance *c)
     int64_t reference = table_of(c)[T_FILE].i, n_input = table_of(c)[T_N_INPUT].i;
     const char *text = reference < 0 ? "" : o->texts[reference];
     int status = OK;
-    for (int64_t i = 0; i < n_input; i++) o->histories[i].n = 0;
+    for (int64_t i = 0; i < n_input; i++)
+        if (!o->histories[i].told) o->histories[i].n = 0;
     if (parameter(c, T_MODE, 0.0) != PRESCRIBED) {
         if (*text) msg(c, WARNING, "historyFile has no effect in windowed mode: set mode = 1");
         return OK;

@@ -1,8 +1,8 @@
-/* Results of a compiled FMU: one record for each instant that was accepted, written when the simulation is terminated.
+/* Results: one record for each instant that was accepted, written when the simulation is terminated.
 
    results.nc in the resources is a netCDF-3 file that lacks nothing but its records; the table of variables says what a
    record holds, in the order of the file. Numbers of netCDF-3 are big-endian. */
-#include "compiled.h"
+#include "runtime.h"
 
 #include <stdio.h>
 

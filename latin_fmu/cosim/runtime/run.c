@@ -1,10 +1,16 @@
-/* Life cycle of a compiled FMU: instances, initialization, steps. The kernels compute; nothing is factorised here. */
-#include "compiled.h"
+/* Life cycle of an instance: initialization, steps. The kernels compute; nothing is factorised here. */
+#include "runtime.h"
 
 #include <stdio.h>
 
+/* A library without kernels takes those that a process hands over. */
+#if defined(LATIN_FMU_WITHOUT_KERNELS)
+static int latin_fmu_fits(void) { return 1; }
+static int32_t (*const kernels_entries_call_0)(const int64_t *, void *) = NULL;
+#else
 int latin_fmu_fits(void);
 int32_t kernels_entries_call_0(const int64_t *slots, void *result);
+#endif
 
 #if defined(LATIN_FMU_WIDE)
 static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
@@ -27,7 +33,7 @@ int msg(const Instance *c, int status, const char *format, ...)
 }
 
 /* -- instances --------------------------------------------------------------------------------------------------------- */
-static int renewed(Instance *c)
+int renewed(Instance *c)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
@@ -58,36 +64,33 @@ static void set_slots(struct Object *o)
     }
 }
 
-/* A record of the run whose iteration has no differences, and a relaxation of 1/2. */
-static void set_relaxed(struct Object *o)
+int filled(Instance *c, const Image *image)
 {
-    const Word *head = o->image->head;
-    int64_t depth = 0;
-    double relaxation = 0.5;
-    memcpy(o->relaxed, o->image->records[0], (size_t)head[M_RUN_SIZE].i);
-    memcpy(o->relaxed + head[M_DEPTH_AT].i, &depth, sizeof depth);
-    memcpy(o->relaxed + head[M_RELAXATION_AT].i, &relaxation, sizeof relaxation);
-}
-
-static int filled(Instance *c, const char *token, const char *resources)
-{
-    char trouble[1200];
-    if (!latin_fmu_fits())
-        return msg(c, ERROR, "this FMU needs a processor with %s", NEEDED), 0;
-    c->fmu = calloc(1, sizeof *c->fmu);
-    if (c->fmu == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
+    c->fmu = image ? calloc(1, sizeof *c->fmu) : NULL;
+    if (c->fmu == NULL) return image_freed(image), msg(c, ERROR, "no memory for an instance"), 0;
     struct Object *o = c->fmu;
-    o->image = image_of(resources, token, trouble, sizeof trouble);
-    if (o->image == NULL) return msg(c, ERROR, "%s", trouble), 0;
-    o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
+    size_t n_moving = 8 * (size_t)image->head[M_N_MOVING].i;
+    o->image = image;
+    o->kernels = image->process ? image->process->kernels : kernels_entries_call_0;
+    o->moving = image->process ? image->process->moving : aligned(n_moving);
     o->before = malloc(8 * (size_t)o->image->n_state + 8);
     o->relaxed = malloc((size_t)o->image->head[M_RUN_SIZE].i);
     o->now = malloc(8 * (size_t)o->image->n_output + 8);
     if (!o->moving || !o->before || !o->relaxed || !o->now || !room_for_step(o) || !renewed(c))
         return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
     set_slots(o);
-    set_relaxed(o);
     return 1;
+}
+
+/* An instance of the files of an FMU. */
+static int filled_from_files(Instance *c, const char *token, const char *resources)
+{
+    char trouble[1200];
+    if (!latin_fmu_fits())
+        return msg(c, ERROR, "this FMU needs a processor with %s", NEEDED), 0;
+    const Image *image = image_of(resources, token, trouble, sizeof trouble);
+    if (image == NULL) return msg(c, ERROR, "%s", trouble), 0;
+    return filled(c, image);
 }
 
 Instance *opened(const Instance *given, const char *name, const char *token, const char *resources)
@@ -100,7 +103,7 @@ Instance *opened(const Instance *given, const char *name, const char *token, con
         msg(c, ERROR, "the host gives no folder of resources");
     else if (c->kind == EXCHANGE_3)
         msg(c, ERROR, "this FMU is for co-simulation only");
-    else if (filled(c, token, resources))
+    else if (filled_from_files(c, token, resources))
         return c;
     closed(c);
     return NULL;
@@ -114,7 +117,7 @@ void closed(Instance *c)
         if (o->image != NULL) free_variables(o);
         free_states(o);
         free_step(o);
-        aligned_free(o->moving);
+        if (o->image == NULL || o->image->process == NULL) aligned_free(o->moving);
         free(o->before);
         free(o->relaxed);
         free(o->now);
@@ -139,15 +142,41 @@ int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made,
     /* behind the addresses and lengths of nine arrays */
     int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
     memcpy(last, given, sizeof given);
-    return kernels_entries_call_0(o->slots, &result) ? NO_MEMORY : result;
+    return o->kernels(o->slots, &result) ? NO_MEMORY : result;
+}
+
+int told(const struct Object *o, int64_t what, int64_t a, int64_t b, int64_t c)
+{
+    const Process *process = o->image->process;
+    return process != NULL && process->tell != NULL && process->tell(what, a, b, c) != 0;
+}
+
+/* Makes n time steps, behind ``made`` of the whole ones of a communication step; how many, or a negative result. */
+static int64_t communicated(struct Object *o, int64_t n, int64_t rule, int64_t made, int64_t whole)
+{
+    if (told(o, ABOUT_TO, (int64_t)o->moving[o->image->head[M_PROGRESS].i], n, whole)) return STOPPED;
+    int64_t result = act(o, M_COMMUNICATE, n, rule, made, whole);
+    return told(o, HAVE_MADE, made, result, whole) ? STOPPED : result;
+}
+
+/* A record of the run whose iteration has no differences, and a relaxation of 1/2; of the record as it is now. */
+const char *relaxed_record(struct Object *o)
+{
+    const Word *head = o->image->head;
+    int64_t depth = 0;
+    double relaxation = 0.5;
+    memcpy(o->relaxed, o->image->records[0], (size_t)head[M_RUN_SIZE].i);
+    memcpy(o->relaxed + head[M_DEPTH_AT].i, &depth, sizeof depth);
+    memcpy(o->relaxed + head[M_RELAXATION_AT].i, &relaxation, sizeof relaxation);
+    return o->relaxed;
 }
 
 /* A time step by a new iteration with relaxation 1/2, where the acceleration has stalled: it passes most stalls. */
-int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t whole)
+static int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t whole)
 {
     int64_t kept = o->slots[0];
-    o->slots[0] = (int64_t)(intptr_t)o->relaxed;
-    int64_t result = act(o, M_COMMUNICATE, 1, rule, made, whole);
+    o->slots[0] = (int64_t)(intptr_t)relaxed_record(o);
+    int64_t result = communicated(o, 1, rule, made, whole);
     o->slots[0] = kept;
     return result;
 }
@@ -165,6 +194,7 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 {
     const Image *image = c->fmu->image;
     if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
+    if (result == STOPPED) return msg(c, ERROR, "stopped in the step at %g s", t);
     if (result == BEYOND_LAWS)
         return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
@@ -183,7 +213,13 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 }
 
 /* -- outputs of the last step ------------------------------------------------------------------------------------------ */
-int has_arrays(const Instance *c) { return table_of(c)[T_WINDOW_SIZE].i >= 0; }
+int has_arrays(const Instance *c) { return c->fmu->image->process != NULL || table_of(c)[T_WINDOW_SIZE].i >= 0; }
+
+/* A process reads the fields of a whole step; the arrays of an FMU are those at its end. */
+int64_t rows_with_fields(const Instance *c, int64_t n_row)
+{
+    return !has_arrays(c) ? 0 : c->fmu->image->process != NULL ? n_row : 1;
+}
 
 int64_t size_of_fields(const Instance *c) { return c->fmu->image->head[M_N_FIELD].i; }
 
@@ -347,7 +383,7 @@ int solve_histories(Instance *c)
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
         set_step(c, step, n);
-        int64_t made = act(o, M_COMMUNICATE, 1, PATH, 0, 1);
+        int64_t made = communicated(o, 1, PATH, 0, 1);
         if (made == 0) made = relaxed(o, PATH, 0, 1);
         if (made != 1) {
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
@@ -426,13 +462,19 @@ static int64_t first_event(const Image *image, const double *rows, int64_t n_row
     return 0;
 }
 
-/* Row of the last instant not beyond a time. */
+/* Row of the last instant not beyond a time since the start. */
 static int64_t row_at(const struct Object *o, double time)
 {
     double place = time / o->image->dt;
     /* an instant that is reached but for round-off is reached */
     int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
     return row < o->n_row ? row : o->n_row - 1;
+}
+
+int64_t row_now(const Instance *c)
+{
+    const struct Object *o = c->fmu;
+    return parameter(c, T_MODE, 0.0) == PRESCRIBED ? row_at(o, c->time - o->start) : o->n_row - 1;
 }
 
 /* Plays the solution of prescribed mode back: outputs at an instant, linear between two. */
@@ -451,6 +493,7 @@ static int played_back(Instance *c, double t, double h)
         int64_t first = row_at(o, t - o->start), event = first_event(o->image, o->rows + first * width, row_at(o, time) - first + 1);
         if (event > 0 && o->times[first + event] < time - 1e-9 * h) time = o->times[first + event];
     }
+    o->ended = o->n_row - 1;
     c->time = time == t + h - o->start ? t + h : o->start + time;
     double place = time / dt, near = rint(place);
     /* an instant itself, without interpolation */
@@ -475,8 +518,11 @@ static int played_back(Instance *c, double t, double h)
 static void hold_last(struct Object *o)
 {
     size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;  /* the two may be one */
+    size_t size = (size_t)o->image->head[M_N_FIELD].i;
     memmove(o->rows, o->rows + last * width, 8 * width);
     o->times[0] = o->times[last];
+    if (o->n_fields > 1) memmove(o->fields, o->fields + ((size_t)o->n_fields - 1) * size, 8 * size);
+    if (o->n_fields > 1) o->n_fields = 1;
     o->n_row = 1;
 }
 
@@ -485,22 +531,28 @@ typedef struct {
     int64_t whole, end, kept;
 } Part;
 
+/* Rows of a part that are not kept: the first ones, where there are too many. */
+static int64_t n_skipped(Part part) { return part.end + 1 - part.kept; }
+
 /* Makes the time steps of a part into new rows; how many, and the last result of the kernels. event: where not NULL, the
    time step that the first contact event is in; the march ends behind it. */
 static int64_t march(const Instance *c, Part part, int64_t *result, int64_t *event)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
-    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL), arrays = has_arrays(c);
+    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL);
+    int64_t skipped = n_skipped(part), without = part.kept - rows_with_fields(c, part.kept);
     int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, stalled = 0;
     while (made < n) {
         int64_t some = n - made < most ? n - made : most;
-        int64_t done = stalled ? relaxed(o, rule, made, part.whole) : act(o, M_COMMUNICATE, some, rule, made, part.whole);
+        int64_t done = stalled ? relaxed(o, rule, made, part.whole) : communicated(o, some, rule, made, part.whole);
         *result = done;
         if (done < 0 || (stalled && done == 0)) break;
         stalled = !stalled && done < some;
-        for (int64_t i = made == 0 ? 0 : 1; i <= done; i++)
-            keep(c, i, made + i - (n + 1 - part.kept), before + made + i, made + i == n ? arrays - 1 : -1);
+        for (int64_t i = made == 0 ? 0 : 1; i <= done; i++) {
+            int64_t row = made + i - skipped;
+            keep(c, i, row, before + made + i, row - without);
+        }
         int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, done + 1) : 0;
         made += done;
         if (row > 0) {
@@ -530,20 +582,21 @@ static int marched(Instance *c, double t, double h)
     struct Object *o = c->fmu;
     const Image *image = o->image;
     memcpy(o->before, o->moving, 8 * (size_t)image->n_state);
-    int64_t n = placed(c, t, h), arrays = has_arrays(c), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
+    int64_t n = placed(c, t, h), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
     if (n == 0) {
         act(o, M_COMMUNICATE, 0, rule, 0, 0);
         keep_step(o, t, h, 0, 0);
+        o->ended = 0;
         c->time = t + h;
         return hold_last(o), OK;
     }
-    int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
+    int64_t wanted = image->process != NULL ? n + 1 : has_arrays(c) ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
     Part part = {n, n, n + 1 < wanted ? n + 1 : wanted};
     double *rows = o->rows, *times = o->times, *fields = o->fields;
     /* the old rows are kept until the step is accepted */
     o->rows = o->times = o->fields = NULL;
     int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i], event = n;
-    int good = room_for(o, part.kept, arrays, size_of_fields(c));
+    int good = room_for(o, part.kept, rows_with_fields(c, part.kept), size_of_fields(c));
     int64_t made = good ? march(c, part, &result, c->early ? &event : NULL) : 0;
     if (event < n) { /* again, up to there */
         memcpy(o->moving, o->before, 8 * (size_t)image->n_state);
@@ -557,8 +610,9 @@ static int marched(Instance *c, double t, double h)
     for (int i = 0; i < 3; i++) free(unused[i]);
     if (whole) {
         keep_step(o, t, h, n, event);
+        o->ended = event;
         o->n_row = part.kept;
-        o->n_fields = arrays;
+        o->n_fields = rows_with_fields(c, part.kept);
         memcpy(o->now, o->rows + (part.kept - 1) * image->n_output, 8 * (size_t)image->n_output);
         c->time = event < n ? o->start + (double)(begun + event) * image->dt : t + h;
         return OK;
@@ -571,7 +625,7 @@ static int marched(Instance *c, double t, double h)
     return refused_by_kernels(c, result, o->start + (double)(begun + made + 1) * image->dt, DISCARD);
 }
 
-static int advanced(Instance *c, double t, double h)
+int advanced(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     double dt = o->image->dt;
@@ -583,6 +637,7 @@ static int advanced(Instance *c, double t, double h)
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
     if (h <= SHORTEST * dt || t + h <= t) { /* below the last digit of t late in a simulation */
         c->time = t + h;                    /* the clock alone */
+        o->ended = -1;
         return OK;
     }
     int bad = not_finite(c);

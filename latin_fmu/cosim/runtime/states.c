@@ -1,9 +1,9 @@
-/* States of a compiled FMU: one block of words, the same in memory and serialized but for the checksum.
+/* States: one block of words, the same in memory and serialized but for the checksum.
 
    Header, lengths, then the data of these lengths. A state that comes from outside is checked when it is read: a damaged
    one, one of another FMU or with numbers that cannot be is refused. The solution of prescribed mode is not in it: it
    follows from the histories, and is computed anew where they are others than now. */
-#include "compiled.h"
+#include "runtime.h"
 
 enum { S_MAGIC, S_CHECKSUM, S_N_WORD, S_TABLE, S_PHASE, S_DISCARDED, S_N_ROW, S_N_FIELDS, S_N_ARRAY, S_START, S_TIME,
        S_RECORD, S_HEADER };
@@ -136,7 +136,7 @@ static int room_to_read(const Instance *c, struct Object *o, const Word *head, c
     for (size_t i = 0; i < n_input && good; i++) {
         int64_t n = lengths[n_variable + i];
         double *block = malloc(16 * (size_t)n + 8);
-        o->histories[i] = (History){n, block, block ? block + n : NULL};
+        o->histories[i] = (History){n, block, block ? block + n : NULL, 0};
         good = block != NULL;
     }
     for (size_t i = 0; i <= n_input && good; i++)
@@ -228,7 +228,7 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
 {
     const Word *table = table_of(c);
     size_t n_word = size / 8, prefix = S_HEADER + n_length(c);
-    if (size < 8 || memcmp(words, magic, 8) != 0) return "it does not begin as a state of a compiled FMU does";
+    if (size < 8 || memcmp(words, magic, 8) != 0) return "it does not begin as a state does";
     if (size % 8 || n_word < prefix || words[S_N_WORD].u != n_word ||
         words[S_CHECKSUM].u != checksum(words + S_N_WORD, n_word - S_N_WORD))
         return "it is damaged (its checksum does not fit); use an intact copy";
@@ -243,7 +243,7 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
     int64_t phase = words[S_PHASE].i;
     if (phase < INSTANTIATED || phase > TERMINATED || phase == EVENT || phase == CONTINUOUS ||
         words[S_DISCARDED].u > 1 || words[S_N_ROW].u > (uint64_t)most ||
-        words[S_N_FIELDS].u > 1 || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
+        words[S_N_FIELDS].u > words[S_N_ROW].u || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
         !isfinite(words[S_START].d) || !isfinite(words[S_TIME].d))
         return "a number of its header cannot be";
     /* lengths and sizes are checked before any datum is read */
@@ -277,7 +277,7 @@ static const char *wrong_number(const Instance *c, const Word *words)
     int prescribed = at[mode].d == PRESCRIBED, begun = words[S_PHASE].i >= EVENT;
     if (begun && (at[mode].d < 0.0 || at[mode].d > 1.0 || at[rule].d < 0.0 || at[rule].d > 3.0))
         return "a parameter in it cannot be";
-    if (begun && ((n_row > 0) == prescribed || words[S_N_FIELDS].i != (!prescribed && has_arrays(c))))
+    if (begun && ((n_row > 0) == prescribed || words[S_N_FIELDS].i != rows_with_fields(c, n_row)))
         return "it has outputs without a step, or the other way round";
     at += n_variable;
     size_t numbers = n_given(image) + (size_t)image->n_output;

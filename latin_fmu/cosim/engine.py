@@ -1,0 +1,345 @@
+"""The runtime in C (``runtime``) as the engine of a session in this process.
+
+The image of a run stays in the memory of Python: the engine marches on the moving block of the image itself, where
+functions of Python that the kernels call (``kernels.callouts``: laws, factors) find their numbers. Before and after
+each call of the kernels it calls back: laws of the scene are tabulated, time steps recorded, and an interruption or an
+error in Python stops the step, which then has changed nothing.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
+from typing import Any, Final
+
+import numpy as np
+
+from ..compiled import library
+from ..errors import InputError, Problem, SolverError
+from ..kernels import entries
+from ..kernels.records import CLASS, GROUP, RUN
+from ..latin.outcome import Array
+from ..propagator.image import pools_of
+from . import runtime
+from .communication import WORDS, CommunicationRun, header
+
+OK, WARNING, DISCARD, ERROR = range(4)
+ABOUT_TO, HAVE_MADE, WORKS_ON = range(3)
+"""Moments of a call back, as in runtime/runtime.h."""
+STEP: Final = 6
+"""State of an instance that steps, as in runtime/instance.h."""
+_FAILED: Final = 1
+Tell = Callable[[int, int, int, int], None]
+_TELL: Final = ctypes.CFUNCTYPE(c_int64, c_int64, c_int64, c_int64, c_int64)
+_KERNELS: Final = ctypes.CFUNCTYPE(c_int32, POINTER(c_int64), c_void_p)
+_LOG: Final = ctypes.CFUNCTYPE(None, c_int, c_char_p)
+_CANNOT: Final = "the session cannot be used so"
+
+
+class _Process(Structure):
+    """``Process`` of runtime/runtime.h."""
+
+    _fields_ = [
+        ("table", c_void_p),
+        ("n_table", c_int64),
+        ("head", c_void_p),
+        ("records", c_void_p * 3),
+        ("fixed", c_void_p),
+        ("moving", c_void_p),
+        ("kernels", c_void_p),
+        ("tell", c_void_p),
+    ]
+
+
+class _History(Structure):
+    """``History`` of runtime/runtime.h."""
+
+    _fields_ = [("n", c_int64), ("t", POINTER(c_double)), ("value", POINTER(c_double)), ("told", c_int64)]
+
+
+class _View(Structure):
+    """``View`` of runtime/process.c."""
+
+    _fields_ = [
+        *((name, c_int64) for name in ("phase", "ended", "row", "n_row", "n_fields", "size_of_fields")),
+        *((name, c_double) for name in ("time", "start")),
+        *((name, POINTER(c_double)) for name in ("given", "first", "now", "times", "fields")),
+        ("histories", POINTER(_History)),
+    ]
+
+
+def _address(array: Any) -> int:
+    return int(array.ctypes.data)
+
+
+def _kernels() -> Any:
+    """The entry of the kernels for C: that of their library, else a function of Python that calls them."""
+    shared = library.loaded()
+    if shared is not None:
+        return ctypes.cast(shared.kernels_entries_call_0, c_void_p)
+
+    def call(slots: Any, result: Any) -> int:
+        block = [(slots[2 * i], slots[2 * i + 1]) for i in range(9)]
+        kinds: tuple[Any, ...] = (RUN, CLASS, GROUP, np.dtype(float), np.dtype(float))
+        arrays = [
+            np.frombuffer((ctypes.c_char * (kind.itemsize * n)).from_address(at), kind) if n else np.zeros(0, kind)
+            for kind, (at, n) in zip(kinds, (*block[:4], block[7]), strict=True)
+        ]
+        try:
+            done = entries.call(pools_of(*arrays), *(slots[18 + i] for i in range(5)))
+        except MemoryError:
+            return 1
+        c_int64.from_address(result).value = done
+        return 0
+
+    return _KERNELS(call)
+
+
+class Engine:
+    """An instance of the runtime on the image of a run.
+
+    Parameters
+    ----------
+    run : whose image it marches; nothing else may change the image as long as this lives. table : the table of its
+        variables (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers;
+        what it raises ends the step and is raised by the method that made it. It is a method of an object that is not kept
+        alive. most : time steps of a call of the kernels.
+
+    Attributes
+    ----------
+    row : scalar outputs now, (n_output,); another array after every change.
+
+    Raises
+    ------
+    InputError : the library is missing. SolverError : there is no memory.
+    """
+
+    def __init__(self, run: CommunicationRun, table: bytes, tell: Tell, most: int) -> None:
+        image = run.image
+        image.write()
+        self._raised: BaseException | None = None
+        self._messages: list[tuple[int, str]] = []
+        messages, own, method = self._messages, weakref.ref(self), weakref.WeakMethod(tell)
+
+        def called(what: int, a: int, b: int, c: int) -> int:
+            engine, tell = own(), method()
+            if engine is None or tell is None or engine._raised is not None:
+                return 1
+            try:
+                if what == WORKS_ON:
+                    image.work_on(np.frombuffer((ctypes.c_double * b).from_address(a)))
+                    return 0
+                if what == HAVE_MADE:
+                    image.callouts.check()
+                tell(what, a, b, c)
+            except BaseException as error:  # of any kind, an interruption among them: no exception passes through C
+                engine._raised = error
+                return 1
+            return 0
+
+        self._log = _LOG(lambda status, text: messages.append((status, text.decode(errors="replace"))))
+        self._tell, self._entry = _TELL(called), _kernels()
+        self._words = np.frombuffer(table, dtype=np.uint64).copy()
+        self._head = np.frombuffer(header(run), dtype=np.uint64).copy()
+        self._head[1 + WORDS.index("most_steps")] = most  # behind the magic number
+        self._process = _Process(
+            _address(self._words),
+            len(self._words),
+            _address(self._head),
+            (c_void_p * 3)(*map(_address, (image.run, image.classes, image.groups))),
+            _address(image.fixed),
+            _address(image.moving),
+            ctypes.cast(self._entry, c_void_p),
+            ctypes.cast(self._tell, c_void_p),
+        )
+        self._run = run  # its arrays are those of the engine
+        self._n_input, self._n_output = len(run.sources.inputs), int(image.run[0]["n_output"])
+        self._library: Any = runtime.loaded()
+        self._functions = {name: self._function(name) for name in ("open", "view", "step", "initialize", "derivative")}
+        self._functions["open"].restype = c_void_p
+        self._instance: int | None = self._functions["open"](byref(self._process), self._log)
+        if self._instance is None:
+            raise SolverError(self._message())
+        kept = self._process, self._log, self._tell, self._entry, self._words, self._head, run
+        self._free = weakref.finalize(self, _freed, self._library, self._instance, kept)
+        self._end, self.row = c_double(), np.zeros(self._n_output)
+
+    def _function(self, name: str) -> Any:
+        return getattr(self._library, f"latin_fmu_{name}")
+
+    def close(self) -> None:
+        """Free the instance."""
+        self._free()
+        self._instance = None
+
+    def _call(self, name: str, *arguments: Any) -> int:
+        """A function on the instance; its status. Raises what a call back has raised."""
+        function = self._functions.get(name) or self._functions.setdefault(name, self._function(name))
+        self._messages.clear()
+        status = int(function(c_void_p(self._instance), *arguments))
+        if self._raised is not None:
+            raised, self._raised = self._raised, None
+            raise raised
+        self._run.image.callouts.check()
+        return status
+
+    def _of_fmi(self, name: str, *arguments: Any) -> int:
+        """A function of FMI 3 on the instance; its status."""
+        self._messages.clear()
+        return int(getattr(self._library, f"fmi3{name}")(c_void_p(self._instance), *arguments))
+
+    def _message(self) -> str:
+        return self._messages[-1][1] if self._messages else "no memory for an instance"
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings of the last call."""
+        return [text for status, text in self._messages if status == WARNING]
+
+    # -- steps ----------------------------------------------------------------------------------------------------
+    def initialize(self, start: float, given: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
+        """Begin a simulation, from whatever state.
+
+        Parameters
+        ----------
+        start : time of the simulation, s. given : (n_input, 2) value and rate of the inputs. histories : times and
+            amplitudes by number of an input, for prescribed mode, which solves the interval here.
+
+        Raises
+        ------
+        SolverError : inputs that cannot be used, no convergence.
+        """
+        self._call("renew")
+        for i, (times, values) in histories.items():
+            t, a = (np.ascontiguousarray(part, dtype=float) for part in (times, values))
+            self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(_address(t)), c_void_p(_address(a))))
+        row, inputs = np.zeros(self._n_output), np.ascontiguousarray(given, dtype=float)
+        arguments = c_double(start), c_void_p(_address(inputs)), c_void_p(_address(row))
+        self._done(self._call("initialize", *arguments))
+        self.row = row
+
+    def _done(self, status: int) -> None:
+        if status > WARNING:
+            raise SolverError(self._message())
+
+    def step(self, t: float, h: float, early: bool, given: Array) -> tuple[int, str, float]:
+        """Make a communication step; its status, why it was refused, and where it ended, s.
+
+        given : (n_input, 2) value and rate of the inputs, C-contiguous.
+        """
+        row = np.empty(self._n_output)
+        numbers = c_double(t), c_double(h), c_int(early)
+        places = c_void_p(_address(given)), byref(self._end), c_void_p(_address(row))
+        status = self._call("step", *numbers, *places)
+        if status > WARNING:
+            return status, self._message(), self._end.value
+        self.row = row
+        return status, "", self._end.value
+
+    def derivative(self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float]) -> Array:
+        """Directional derivative (n_unknown,) at the end of the last step, of variables by their references.
+
+        Raises
+        ------
+        InputError : no outputs or inputs, no step so far. SolverError : there is no derivative.
+        """
+        n, m, values = len(unknowns), len(knowns), np.zeros(len(unknowns))
+        places = ((c_uint32 * n)(*unknowns), c_int64(n), (c_uint32 * m)(*knowns), c_int64(m))
+        status = self._call("derivative", *places, (c_double * m)(*seed), c_void_p(_address(values)))
+        if status == DISCARD:
+            raise InputError([Problem("session", self._message())], _CANNOT)
+        self._done(status)
+        return values
+
+    # -- what there is --------------------------------------------------------------------------------------------
+    def _view(self) -> _View:
+        view = _View()
+        self._functions["view"](c_void_p(self._instance), byref(view))
+        return view
+
+    @property
+    def phase(self) -> int:
+        """State of the state machine of the FMI."""
+        return int(self._view().phase)
+
+    @property
+    def ended(self) -> int:
+        """Time steps of the last step; -1 where it moved the clock alone."""
+        return int(self._view().ended)
+
+    def times(self) -> tuple[float, float]:
+        """Present time and time of the start, s."""
+        view = self._view()
+        return view.time, view.start
+
+    def instant(self) -> tuple[int, int]:
+        """Row of the present instant in ``window``, and number of rows there."""
+        view = self._view()
+        return int(view.row), int(view.n_row)
+
+    def inputs(self) -> tuple[Array, Array]:
+        """Value and rate of the inputs as they are, and at the start, (n_input, 2) each, copies."""
+        view = self._view()
+        n = 2 * self._n_input
+        given, first = (np.array([part[i] for i in range(n)]).reshape(-1, 2) for part in (view.given, view.first))
+        return given, first
+
+    def histories(self) -> dict[int, tuple[Array, Array]]:
+        """Histories of prescribed mode by number of the input."""
+        view, made = self._view(), dict[int, tuple[Array, Array]]()
+        for i in range(self._n_input):
+            of = view.histories[i]
+            if of.n:
+                made[i] = np.array(of.t[: of.n]), np.array(of.value[: of.n])
+        return made
+
+    def window(self) -> tuple[Array, Array]:
+        """Instants (n,) of the last step, s since the start, and fields of the points at them, (n, n_field), copies."""
+        view = self._view()
+        n, size = int(view.n_row), int(view.size_of_fields)
+        times = np.array([view.times[i] for i in range(n)])
+        if not n or not size:
+            return times, np.zeros((n, size))
+        return times, np.ctypeslib.as_array(view.fields, (n, size)).copy()
+
+    # -- states ---------------------------------------------------------------------------------------------------
+    def snapshot(self, given: Array) -> bytes:
+        """Everything that determines the next steps and the outputs, with these inputs (n_input, 2), as bytes."""
+        inputs = np.ascontiguousarray(given, dtype=float)
+        self._function("give")(c_void_p(self._instance), c_void_p(_address(inputs)))
+        state, size = c_void_p(), c_size_t()
+        self._done(self._of_fmi("GetFMUState", byref(state)))
+        try:
+            self._done(self._of_fmi("SerializedFMUStateSize", state, byref(size)))
+            content = ctypes.create_string_buffer(size.value)
+            self._done(self._of_fmi("SerializeFMUState", state, content, size))
+        finally:
+            self._of_fmi("FreeFMUState", byref(state))
+        return content.raw
+
+    def restore(self, content: bytes) -> None:
+        """Restore what ``snapshot`` returned.
+
+        Raises
+        ------
+        InputError : bytes that are no such state. SolverError : histories of prescribed mode that do not converge.
+        """
+        state = c_void_p()
+        if self._of_fmi("DeserializeFMUState", content, c_size_t(len(content)), byref(state)) > WARNING:
+            raise InputError([Problem("state", self._message())], "unusable state")
+        try:
+            self._done(self._of_fmi("SetFMUState", state))
+        finally:
+            self._of_fmi("FreeFMUState", byref(state))
+        if self._raised is not None:
+            raised, self._raised = self._raised, None
+            raise raised
+        now = self._view().now
+        self.row = np.array([now[i] for i in range(self._n_output)])
+
+
+def _freed(shared: Any, instance: int, _kept: object) -> None:
+    """Free an instance; what it was handed over is kept until here."""
+    shared.fmi3FreeInstance(c_void_p(instance))
