@@ -75,7 +75,7 @@ class SceneEngine:
         laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
         scene = with_laws(self._scene, laws) if laws else self._scene
         self.run = CommunicationRun(scene, self._settings.tolerance, python=True)
-        identity = Identity(f"{self._identity} {package_version()}")
+        identity = Identity(f"{self._identity} {package_version()}", endless=True)
         table = table_file(self._table, self._scene, self.run, identity)
         most = 1 if self._settings.keep and self._reads_fields else self.run.steps
         self._built, self._known = dict(starts), {}

@@ -173,12 +173,13 @@ class RecordPart:
 @dataclass(frozen=True)
 class Identity:
     """What an instance and its states belong to: a token, checksums of image and results, 0 where there are no files;
-    the parts of a record of the results."""
+    the parts of a record of the results; whether the laws of the scene go on beyond its end."""
 
     token: str
     image: int = 0
     results: int = 0
     record: Sequence[RecordPart] = ()
+    endless: bool = False
 
 
 def table_file(table: Sequence[Variable], scene: Scene, run: CommunicationRun, identity: Identity) -> bytes:
@@ -194,7 +195,7 @@ def table_file(table: Sequence[Variable], scene: Scene, run: CommunicationRun, i
         value, rate = (input_variable(name, what) for what in ("value", "rate"))
         words += texts.place(name), texts.place(value), texts.place(rate), references[value]
     begins["wholes"] = len(words)
-    wholes = list(_whole_numbers(run))
+    wholes = list(_whole_numbers(run, identity.endless))
     words += [number for row in wholes for number in row]
     begins["records"] = len(words)
     words += [number for part in identity.record for number in part.row()]
@@ -237,10 +238,10 @@ def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str,
     return [*about, *sizes, *[0] * (3 - len(sizes)), start]
 
 
-def _whole_numbers(run: CommunicationRun) -> Iterator[tuple[int, float, float]]:
+def _whole_numbers(run: CommunicationRun, endless: bool) -> Iterator[tuple[int, float, float]]:
     """Numbers of the state that the kernels take for whole ones: place, least and largest."""
     record = run.image.run[0]
-    last = int(record["law_end"])
+    last = -1 if endless else int(record["law_end"])
     yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53  # whole numbers are exact up to there
     most = float(record["max_iterations"])
     # negative where no step ended the last instant (``newton.keep_course``)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 import latin_fmu
+from latin_fmu.cosim import Session
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, Material, column, half_sine
 
@@ -42,3 +45,12 @@ def bar(**changes: Any) -> Scene:
     )
     data["substructure"]["bar"]["box"]["origin"][2] = 0.5
     return latin_fmu.scene_from_dict(data | changes)
+
+
+def driven(session: Session, n: int) -> np.ndarray:
+    """Amplitudes (n, n_source) that drove a session at the ends of the n time steps of its last step."""
+    run = session._solver.run
+    assert run is not None
+    n_source, width = int(run.image.run[0]["n_source"]), int(run.image.run[0]["n_drive"])
+    rows = run.image.field("drive", run.image.rows, width)[1 : n + 1]
+    return rows[:, width - 1 - n_source : width - 1].copy()

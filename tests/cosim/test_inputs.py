@@ -10,13 +10,14 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import GridPart, Loads, given_rows, read_histories
+from latin_fmu.cosim.loads import given_rows, read_histories
 from latin_fmu.cosim.variables import CAUSAL, HOLD, PRESCRIBED, RATE
 from latin_fmu.errors import InputError
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, column
 
 from .scenes import blocks
+from .segments import GridPart, Loads
 
 H = 1e-6
 SOFT = Material(1.0, 1.0)
