@@ -12,7 +12,7 @@ import ctypes
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class _View(Structure):
     """``View`` of runtime/process.c."""
 
     _fields_ = [
-        *((name, c_int64) for name in ("phase", "ended", "row", "n_row", "n_fields", "size_of_fields")),
+        *((name, c_int64) for name in ("phase", "row", "n_row", "n_fields", "size_of_fields")),
         *((name, c_double) for name in ("time", "start")),
         *((name, POINTER(c_double)) for name in ("given", "first", "now", "times", "fields")),
         ("histories", POINTER(_History)),
@@ -95,6 +95,16 @@ def _kernels() -> Any:
         return 0
 
     return _KERNELS(call)
+
+
+class Step(NamedTuple):
+    """A communication step: status, why it was refused, where it ended, s, its time steps, -1 where it moved the clock
+    alone."""
+
+    status: int
+    message: str
+    end: float
+    n: int
 
 
 class Engine:
@@ -159,12 +169,16 @@ class Engine:
         self._library: Any = runtime.loaded()
         self._functions = {name: self._function(name) for name in ("open", "view", "step", "initialize", "derivative")}
         self._functions["open"].restype = c_void_p
-        self._instance: int | None = self._functions["open"](byref(self._process), self._log)
-        if self._instance is None:
+        instance: int | None = self._functions["open"](byref(self._process), self._log)
+        if instance is None:
             raise SolverError(self._message())
+        self._handle = c_void_p(instance)
         kept = self._process, self._log, self._tell, self._entry, self._words, self._head, run
-        self._free = weakref.finalize(self, _freed, self._library, self._instance, kept)
-        self._end, self.row = c_double(), np.zeros(self._n_output)
+        self._free = weakref.finalize(self, _freed, self._library, instance, kept)
+        self._end, self.row = np.zeros(2), np.zeros(self._n_output)
+        self._end_at = _address(self._end)
+        self._functions["step"].argtypes = [c_void_p, c_double, c_double, c_int, c_void_p, c_void_p, c_void_p]
+        self._functions["step"].restype = c_int
 
     def _function(self, name: str) -> Any:
         return getattr(self._library, f"latin_fmu_{name}")
@@ -172,13 +186,13 @@ class Engine:
     def close(self) -> None:
         """Free the instance."""
         self._free()
-        self._instance = None
+        self._handle = c_void_p(None)
 
     def _call(self, name: str, *arguments: Any) -> int:
         """A function on the instance; its status. Raises what a call back has raised."""
         function = self._functions.get(name) or self._functions.setdefault(name, self._function(name))
         self._messages.clear()
-        status = int(function(c_void_p(self._instance), *arguments))
+        status = int(function(self._handle, *arguments))
         if self._raised is not None:
             raised, self._raised = self._raised, None
             raise raised
@@ -188,7 +202,7 @@ class Engine:
     def _of_fmi(self, name: str, *arguments: Any) -> int:
         """A function of FMI 3 on the instance; its status."""
         self._messages.clear()
-        return int(getattr(self._library, f"fmi3{name}")(c_void_p(self._instance), *arguments))
+        return int(getattr(self._library, f"fmi3{name}")(self._handle, *arguments))
 
     def _message(self) -> str:
         return self._messages[-1][1] if self._messages else "no memory for an instance"
@@ -224,19 +238,17 @@ class Engine:
         if status > WARNING:
             raise SolverError(self._message())
 
-    def step(self, t: float, h: float, early: bool, given: Array) -> tuple[int, str, float]:
-        """Make a communication step; its status, why it was refused, and where it ended, s.
+    def step(self, t: float, h: float, early: bool, given: Array) -> Step:
+        """Make a communication step.
 
         given : (n_input, 2) value and rate of the inputs, C-contiguous.
         """
         row = np.empty(self._n_output)
-        numbers = c_double(t), c_double(h), c_int(early)
-        places = c_void_p(_address(given)), byref(self._end), c_void_p(_address(row))
-        status = self._call("step", *numbers, *places)
+        status = self._call("step", t, h, early, _address(given), self._end_at, _address(row))
         if status > WARNING:
-            return status, self._message(), self._end.value
+            return Step(status, self._message(), 0.0, 0)
         self.row = row
-        return status, "", self._end.value
+        return Step(status, "", float(self._end[0]), int(self._end[1]))
 
     def derivative(self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float]) -> Array:
         """Directional derivative (n_unknown,) at the end of the last step, of variables by their references.
@@ -256,18 +268,13 @@ class Engine:
     # -- what there is --------------------------------------------------------------------------------------------
     def _view(self) -> _View:
         view = _View()
-        self._functions["view"](c_void_p(self._instance), byref(view))
+        self._functions["view"](self._handle, byref(view))
         return view
 
     @property
     def phase(self) -> int:
         """State of the state machine of the FMI."""
         return int(self._view().phase)
-
-    @property
-    def ended(self) -> int:
-        """Time steps of the last step; -1 where it moved the clock alone."""
-        return int(self._view().ended)
 
     def times(self) -> tuple[float, float]:
         """Present time and time of the start, s."""
@@ -308,7 +315,7 @@ class Engine:
     def snapshot(self, given: Array) -> bytes:
         """Everything that determines the next steps and the outputs, with these inputs (n_input, 2), as bytes."""
         inputs = np.ascontiguousarray(given, dtype=float)
-        self._function("give")(c_void_p(self._instance), c_void_p(_address(inputs)))
+        self._function("give")(self._handle, c_void_p(_address(inputs)))
         state, size = c_void_p(), c_size_t()
         self._done(self._of_fmi("GetFMUState", byref(state)))
         try:

@@ -89,7 +89,7 @@ class GivenLoads:
 
     def given(self) -> Array:
         """Values and rates that are set, (n, 2), in the order of the loads."""
-        return np.array([*zip(self.value.values(), self.rate.values(), strict=True)], dtype=float).reshape(-1, 2)
+        return np.array([[*self.value.values()], [*self.rate.values()]]).T.copy()
 
     def begin(self) -> None:
         """Start a simulation with the present values."""

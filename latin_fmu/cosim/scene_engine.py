@@ -19,7 +19,7 @@ from ..machine import package_version
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .communication import CommunicationRun
-from .engine import ABOUT_TO, STEP, Engine
+from .engine import ABOUT_TO, STEP, Engine, Step
 from .input_table import with_laws
 from .loads import GivenLoads
 from .output_table import AT_POINTS
@@ -124,16 +124,18 @@ class SceneEngine:
         histories, names = dict[int, tuple[Array, Array]](), self.run.sources.inputs
         if self._settings.prescribed:
             histories = {names.index(name): history for name, history in loads.histories.items()}
-        with self.run.run.at_work(), np.errstate(all="ignore"):
+        with self.run.run.at_work():
             engine.initialize(t0, loads.given(), histories)
 
-    def step(self, t: float, h: float, early: bool, given: Array) -> tuple[int, str, float]:
+    def step(self, t: float, h: float, early: bool, given: Array) -> Step:
         """Make a communication step, see ``Engine.step``."""
         assert self.engine is not None
         assert self.run is not None
         if self._record is not None and not self._settings.prescribed:
             self._record.begin()
-        with self.run.run.at_work(), np.errstate(all="ignore"):
+        if not self.run.run.several:
+            return self.engine.step(t, h, early, given)
+        with self.run.run.at_work():
             return self.engine.step(t, h, early, given)
 
     def restore(self, state: bytes, loads: GivenLoads) -> Engine:
@@ -159,7 +161,7 @@ class SceneEngine:
 
     def _restore(self, engine: Engine, state: bytes) -> None:
         assert self.run is not None
-        with self.run.run.at_work(), np.errstate(all="ignore"):
+        with self.run.run.at_work():
             engine.restore(state)
 
     def _tell(self, what: int, made: int, n: int, whole: int) -> None:
@@ -176,7 +178,8 @@ class SceneEngine:
                 self._record.open(amplitudes_of(self.run, first, histories, self._scene.time.n_step))
             self._record.about_to(made, whole)
         else:
-            self._record.have_made(n)
+            with np.errstate(all="ignore"):
+                self._record.have_made(n)
 
     def _tabulate(self, made: int, n: int) -> None:
         """Let the table of the laws of the scene hold the next n time steps, beyond the end of the scene too."""

@@ -65,6 +65,7 @@ class Session:
         self.table = scalar_table(scene)
         self.outputs = tuple(v.name for v in self.table if v.causality == "output")
         self._index = {name: i for i, name in enumerate(self.outputs)}
+        self._of_solver = self._index["solver.iterations"]  # the indicator follows
         self._loads = GivenLoads(scene)
         # what snapshots must agree in: the scene as it is solved, and what was chosen
         identity = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
@@ -131,17 +132,17 @@ class Session:
         keeps = self.settings.keep
         # before the step, which accepts what they follow from
         rates = self._solver.rates(self._loads) if keeps else {}
-        status, message, end = self._solver.step(float(t), float(h), early, self._loads.given())
+        status, message, end, n = self._solver.step(float(t), float(h), early, self._loads.given())
         if status > WARNING:
             return refused(message, again=status == DISCARD)
-        self.time, self.row, n = end, engine.row, engine.ended
+        self.time, self.row = end, engine.row
         if keeps and n >= 0:
             segments = () if self.settings.prescribed else tuple(self._solver.segments)
             self.step_history.append(AcceptedStep(t, end, self.row, dict(self._loads.value), rates, segments))
         if n < 1:
             return StepReport(True)
-        iterations, indicator = self.values(["solver.iterations", "solver.errorIndicator"])
-        return StepReport(True, "", n, int(iterations), float(indicator), early=None if end == t + h else end)
+        iterations, indicator = self.row[self._of_solver : self._of_solver + 2].tolist()
+        return StepReport(True, "", n, int(iterations), indicator, early=None if end == t + h else end)
 
     def derivative(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
         """Directional derivative (n_unknown,) of outputs at the end of the last step by inputs over it: the sum over

@@ -249,6 +249,11 @@ class Run(WindowRun):
         self.windows.keep(first, counts, errors, residuals, image.field("defects", n))
         self._read_indicator()
 
+    @property
+    def several(self) -> bool:
+        """Whether several threads march it."""
+        return self._team.several
+
     def at_work(self) -> AbstractContextManager[None]:
         """Context of calls of the kernels by another caller, which the threads of the run share."""
         return self._team.at_work()

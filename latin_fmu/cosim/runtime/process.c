@@ -6,7 +6,7 @@ typedef void Told(int status, const char *text); /* takes the messages */
 
 /* What there is to be read: addresses hold until the next call. */
 typedef struct {
-    int64_t phase, ended, row, n_row, n_fields, size_of_fields;
+    int64_t phase, row, n_row, n_fields, size_of_fields;
     double time, start;
     const double *given, *first, *now, *times, *fields;
     const History *histories;
@@ -55,7 +55,7 @@ EXPORT Instance *latin_fmu_open(const Process *process, Told *logger)
 EXPORT void latin_fmu_view(const Instance *c, View *view)
 {
     const struct Object *o = c->fmu;
-    *view = (View){c->phase, o->ended, row_now(c), o->n_row, o->n_fields, size_of_fields(c), c->time, o->start, o->given, o->first, o->now,
+    *view = (View){c->phase, row_now(c), o->n_row, o->n_fields, size_of_fields(c), c->time, o->start, o->given, o->first, o->now,
                    o->times, o->fields, o->histories};
 }
 
@@ -94,7 +94,7 @@ EXPORT int latin_fmu_initialize(Instance *c, double start, const double *given, 
 }
 
 /* One communication step from t to t + h, s; with early up to the end of the time step with the first contact event. Writes
-   where it ended and the outputs there. */
+   where it ended and its time steps (-1: it moved the clock alone) into end, and the outputs there. */
 EXPORT int latin_fmu_step(Instance *c, double t, double h, int early, const double *given, double *end, double *outputs)
 {
     struct Object *o = c->fmu;
@@ -106,7 +106,8 @@ EXPORT int latin_fmu_step(Instance *c, double t, double h, int early, const doub
     int status = advanced(c, t, h);
     if (status != OK) memcpy(o->given, before, 16 * n_input);
     memset(before, 0, 16 * n_input); /* equal runs have equal states */
-    *end = c->time;
+    end[0] = c->time;
+    end[1] = (double)o->ended;
     memcpy(outputs, o->now, 8 * (size_t)o->image->n_output);
     return status;
 }
