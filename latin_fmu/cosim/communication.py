@@ -130,7 +130,6 @@ class CommunicationRun:
         segmented = SegmentedRun(scene, tolerance)
         segmented.settle({})
         self.problem = segmented.problem
-        _check(scene, self.problem.assembly.scheme.explicit)
         with one_thread():
             self.drives = Drives(segmented, self.sources)
             recorder = Recorder(self.problem.assembly, self.problem.output, self.problem.info)
@@ -170,14 +169,6 @@ class CommunicationRun:
         n = int(self.image.run[0]["n_output"])
         values: Array = self.image.field("output", self.image.rows, n)[row]
         return values
-
-
-def _check(scene: Scene, explicit: bool) -> None:
-    moved = [name for name, port in scene.port.items() if port.causality == "motion_in"]
-    if moved and explicit:
-        what, remedy = "is a mean over two time steps in an explicit march", 'use propagator "direct"'
-        problems = [Problem(f"port.{name}", f"its force {what}", None, None, remedy) for name in moved]
-        raise NeedsPythonError(problems, "the scene needs Python at run time")
 
 
 def _solved_by_python(run: Run) -> NeedsPythonError:

@@ -113,9 +113,9 @@ class Engine:
     Parameters
     ----------
     run : whose image it marches; nothing else may change the image as long as this lives. table : the table of its
-        variables (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers;
-        what it raises ends the step and is raised by the method that made it. It is a method of an object that is not kept
-        alive. most : time steps of a call of the kernels.
+        variables (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers; what it raises
+        ends the step, and is raised by the method that made it. A method of an object that is not kept alive. most :
+        time steps of a call of the kernels.
 
     Attributes
     ----------

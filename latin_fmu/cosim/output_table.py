@@ -97,6 +97,7 @@ class OutputKind:
     at_start : whether it depends on inputs when initialization ends. least, most : limits. constant : whether its
         derivatives by inputs are 0.
     over_window : meaning of the array over the instants of a window; none where empty.
+    lag : half of a part that explicit schemes take as the mean over the last two instants, likewise; None: none.
     """
 
     name: str
@@ -110,6 +111,7 @@ class OutputKind:
     most: float | None = None
     constant: bool = False
     over_window: str = ""
+    lag: Callable[..., Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -199,7 +201,8 @@ def _pair(causality: str, method: str, what: tuple[Any, ...], *words: tuple[str,
     """Of ports of a causality what a method of ``Signals`` gives for translations and for rotations."""
     for turned, (name, unit, meaning) in enumerate(words):
         of, axes = _read(method, turned, *what), _connected(causality, turned)
-        yield OutputKind(name, unit, meaning, of, axes, at_start=True)
+        lag = _read("half_before", turned) if method == "exerted" else None
+        yield OutputKind(name, unit, meaning, of, axes, at_start=True, lag=lag)
 
 
 PORT: Final = Family(

@@ -22,14 +22,12 @@ step where g, N or q are smooth before the event. Where the line does not reach 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from ..latin.outcome import Array, InterfaceHistory
 from .output_table import INTERFACE, FacePoints
-
-_PAIR: Final = 2  # columns of an event: how many, instant of the last one
 
 
 def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHistory], instant: int) -> Array:
@@ -48,27 +46,3 @@ def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHisto
         return np.asarray(values(FacePoints.over(history)))
     field = getattr(history, "contact_status" if quantity == "status" else quantity)
     return np.zeros(0) if field is None else np.asarray(field[instant], dtype=float)
-
-
-def first_event(rows: Array) -> int | None:
-    """Index of the first instant whose events are not those of the instant before; None where there is none. ``rows`` :
-    outputs of the events."""
-    counts = rows[:, ::_PAIR]
-    changed = np.flatnonzero((counts[1:] != counts[:-1]).any(axis=1))
-    return int(changed[0]) + 1 if len(changed) else None
-
-
-def between(first: Array, second: Array, time: float) -> Array:
-    """Outputs of the events at a time between two instants: each event is there from its instant on."""
-    here = np.repeat(second[1::_PAIR] <= time, _PAIR)
-    return np.where(here, second, first)
-
-
-def shifted(row: Array, inner_time: int, of_event: int, start: float) -> Array:
-    """Outputs with their instants (the place of ``innerTime``, those of the events from ``of_event`` on) counted from a
-    zero that is ``start``, s, earlier."""
-    late = row.copy()
-    late[inner_time] += start
-    # 0 stands for no event, and stays 0
-    late[of_event + 1 :: _PAIR] += np.where(row[of_event::_PAIR] > 0.0, start, 0.0)
-    return late

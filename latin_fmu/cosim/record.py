@@ -126,7 +126,7 @@ class WholeRecord(Record):
         self._run.run.windows, self.segments = WindowList(), []
         self._recorder = self._opened(start, np.concatenate([amplitudes, own], axis=1), 0)
 
-    def about_to(self, made: int, whole: int) -> None:
+    def about_to(self, made: int, _whole: int) -> None:
         """As for ``Record``."""
         self._made = made
 
@@ -146,9 +146,7 @@ class WholeRecord(Record):
         return self.segments[0]
 
 
-def amplitudes_of(
-    run: CommunicationRun, first: Array, histories: Mapping[int, tuple[Array, Array]], n: int
-) -> Array:
+def amplitudes_of(run: CommunicationRun, first: Array, histories: Mapping[int, tuple[Array, Array]], n: int) -> Array:
     """Amplitudes (n + 1, n_input) of the inputs of prescribed mode at its instants: histories by number of the input,
     linear between their points, else the values of ``first`` (n_input, 2); of displacements the rates over the steps
     that begin there, the last one as before."""

@@ -131,20 +131,3 @@ class StepReport(NamedTuple):
 def refused(message: str, again: bool = False) -> StepReport:
     """Report of a step that was not made; ``again``: a shorter one, or another input, may help."""
     return StepReport(False, message, again=again)
-
-
-def why_not(t: float, h: float, now: float, time_step: float) -> str:
-    """Why no step can be made from t by h at the time ``now``, all in s; empty where it can."""
-    if not (math.isfinite(t) and math.isfinite(h)):
-        return f"time {t!r} or step size {h!r} is not a finite number"
-    if h <= 0.0:
-        return f"the step size {h!r} s must be greater than 0"
-    if abs(t - now) > max(EARLY * h, SHORTEST * time_step):
-        return f"the step starts at {t!r} s, but the present time is {now!r} s: restore a state to go back"
-    return ""
-
-
-def is_round_off(t: float, h: float, time_step: float) -> bool:
-    """Whether a step from t by h, s, moves the clock alone: hosts that add up times end with such steps."""
-    # late in a simulation a step may be below the last digit of t
-    return h <= SHORTEST * time_step or t + h <= t

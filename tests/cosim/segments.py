@@ -14,6 +14,7 @@ import numpy as np
 
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.assembly.segments import Segment, SegmentedRun
+from latin_fmu.assembly.supports import port_key
 from latin_fmu.cosim.input_table import given_of
 from latin_fmu.cosim.output_table import INTERFACE, FacePoints
 from latin_fmu.cosim.variables import scalar_table
@@ -82,9 +83,7 @@ class Loads:
         """End a step."""
         begin, memory = self.behind, self.memory.reshape(-1)
         given = self._given()
-        self.span = inputs.accept(
-            *given, memory, self.kinds, self.span, dt, rule, part.n, part.n, begin, part.rest
-        )
+        self.span = inputs.accept(*given, memory, self.kinds, self.span, dt, rule, part.n, part.n, begin, part.rest)
         self.behind = part.rest
 
 
@@ -143,6 +142,10 @@ class Segments:
         for name, sensor in segment.sensors.items():
             known |= _numbered(f"sensor.{name}.displacement", sensor.displacement[-1])
             known |= _numbered(f"sensor.{name}.velocity", sensor.velocity[-1])
+        reactions = segment.recorder.reactions(self.run.problem.assembly, ports=True)
+        for name, turned, what in [(n, t, w) for n in self.scene.port for t, w in ((False, "force"), (True, "moment"))]:
+            if (moved := reactions.get(port_key(name, turned))) is not None:
+                known |= _numbered(f"port.{name}.{what}", -moved.force[-1])
         for name, bolt in segment.bolts.items():
             known[f"bolt.{name}.force"] = float(bolt.force[-1])
         if segment.energy is not None:

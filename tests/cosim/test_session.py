@@ -111,8 +111,7 @@ def test_prescribed_refuses_changed_inputs():
 
 
 @pytest.mark.parametrize(
-    ("rule", "expected"),
-    [(0, [0.5] * 5), (1, [0.55, 0.6, 0.65, 0.7, 0.75]), (2, [0.3, 0.35, 0.4, 0.45, 0.5])],
+    ("rule", "expected"), [(0, [0.5] * 5), (1, [0.55, 0.6, 0.65, 0.7, 0.75]), (2, [0.3, 0.35, 0.4, 0.45, 0.5])]
 )
 def test_loads_inside_a_step(rule, expected):
     session = Session(blocks(), Settings(interpolation=rule))
