@@ -139,7 +139,7 @@ class Engine:
                 return 1
             try:
                 if what == WORKS_ON:
-                    image.work_on(np.frombuffer((ctypes.c_double * b).from_address(a)))
+                    image.work_on(np.ctypeslib.as_array((c_double * b).from_address(a)))
                     return 0
                 if what == HAVE_MADE:
                     image.callouts.check()

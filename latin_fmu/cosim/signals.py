@@ -260,7 +260,7 @@ class Signals(SignalPlaces):
     def exerted(self, name: str, turned: int) -> sp.csr_array:
         """Force that the body exerts through a port that is moved, or its moment."""
         key = port_key(name, turned=bool(turned))
-        return -self._static_rows(key) - self._inertia_rows(key)
+        return sp.csr_array(-self._static_rows(key) - self._inertia_rows(key))
 
     def half_before(self, name: str, turned: int) -> sp.csr_array:
         """Half of the part of ``exerted`` that an explicit scheme takes as the mean over the last two instants."""

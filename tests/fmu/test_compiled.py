@@ -21,8 +21,9 @@ from fmu_build.build import build_fmu, compiled_files
 from fmu_build.checks import validate
 from fmu_build.compiled import libraries
 from latin_fmu import load_scene, open_results, solve
-from latin_fmu.cosim import runtime
+from latin_fmu.aot import linking
 from latin_fmu.cli import main
+from latin_fmu.cosim import runtime
 from latin_fmu.cosim.input_table import with_laws
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
@@ -395,7 +396,7 @@ def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi):
 
 
 def test_the_header_of_the_table_is_that_of_the_c_files():
-    text = (Path(linking.__file__).parents[2] / "fmu_build" / "compiled" / "compiled.h").read_text()
+    text = (runtime.HERE / "runtime.h").read_text()
     names = text.split("enum {")[1].split("}")[0].replace("\n", " ").split(",")
     assert [name.strip().removeprefix("T_").lower() for name in names] == [*HEADER, "header"]
 
