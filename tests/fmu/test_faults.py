@@ -193,8 +193,8 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
 
     def changed():
         files = real()
-        text = files["latin_fmu/cosim/windowed.py"].decode()
-        return {**files, "latin_fmu/cosim/windowed.py": (text + "\nOTHER = True\n").encode()}
+        text = files["latin_fmu/cosim/session.py"].decode()
+        return {**files, "latin_fmu/cosim/session.py": (text + "\nOTHER = True\n").encode()}
 
     monkeypatch.setattr("fmu_build.build.package_files", changed)
     other = build_fmu(blocks(), tmp_path / "other.fmu", fmi, python=True)
@@ -207,7 +207,7 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
         roots = [next(n.split("/")[1] for n in z.namelist() if n.startswith("resources/latin_fmu_")) for z in (a, b)]
     assert roots[0] != roots[1]
     for root, other_version in zip(roots, (False, True), strict=True):
-        assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.windowed"], "OTHER") == other_version
+        assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.session"], "OTHER") == other_version
 
 
 def test_fifty_instances(opened):

@@ -218,7 +218,7 @@ int has_arrays(const Instance *c) { return c->fmu->image->process != NULL || tab
 /* A process reads the fields of a whole step; the arrays of an FMU are those at its end. */
 int64_t rows_with_fields(const Instance *c, int64_t n_row)
 {
-    return !has_arrays(c) ? 0 : c->fmu->image->process != NULL ? n_row : 1;
+    return n_row == 0 || !has_arrays(c) ? 0 : c->fmu->image->process != NULL ? n_row : 1;
 }
 
 int64_t size_of_fields(const Instance *c) { return c->fmu->image->head[M_N_FIELD].i; }
