@@ -23,7 +23,8 @@ from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim import runtime
 from latin_fmu.cosim.communication import CommunicationRun, write
-from latin_fmu.cosim.table_file import CONSTANTS, Identity, RecordPart, checksum, output_places, table_file
+from latin_fmu.cosim.image_maker import LEFT_OUT
+from latin_fmu.cosim.table_file import Identity, RecordPart, checksum, output_places, table_file
 from latin_fmu.cosim.variable import Variable
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import NeedsPythonError, Problem
@@ -33,7 +34,8 @@ from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable
 from latin_fmu.results.quantities import AXES, BOLT, ENERGY, LABELS, SENSOR, named
 from latin_fmu.scene.schema import Scene
 
-_LEFT_OUT: Final = ("estimateError",)
+_CONSTANTS: Final = ("timeStep", "tolerance", "maxIterations")
+"""Parameters that an image is made for."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,31 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
     NeedsPythonError : the kernels do not hold something of this scene; SceneError : it cannot be built.
     """
     run = CommunicationRun(scene)
-    image = write(run)
-    n_point = {unit.name: unit.geometry.n_point for unit in run.run.assembly.interfaces}
-    table = tuple(_variables(table_of(scene, n_point if fmi == "3" else None)))
+    image, table = write(run), _table_of(run, fmi, constant=True)
     text = hashlib.sha256(image + repr((fmi, table)).encode()).hexdigest()[:32]
     token = f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
     results, record = results_file(run, table, output_places(table, run))
     identity = Identity(token, checksum(image), checksum(results), record)
     return CompiledRun(table, image, table_file(table, scene, run, identity), results, token)
+
+
+def hosted_run(scene: Scene, fmi: str) -> CompiledRun:
+    """What the FMU with Python of a scene carries of a run, which is made when a simulation begins: no image, no token.
+
+    Raises
+    ------
+    SceneError : the scene cannot be built.
+    """
+    run = CommunicationRun(scene, python=True)
+    table = _table_of(run, fmi, constant=False)
+    results, record = results_file(run, table, output_places(table, run))
+    identity = Identity("", 0, checksum(results), record)
+    return CompiledRun(table, b"", table_file(table, scene, run, identity), results, "")
+
+
+def _table_of(run: CommunicationRun, fmi: str, constant: bool) -> tuple[Variable, ...]:
+    n_point = {unit.name: unit.geometry.n_point for unit in run.run.assembly.interfaces}
+    return tuple(_variables(table_of(run.scene, n_point if fmi == "3" else None), constant))
 
 
 def libraries(portable: bool = False) -> dict[str, bytes]:
@@ -90,12 +109,12 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
 
 
 # -- variables ----------------------------------------------------------------------------------------------------
-def _variables(table: Sequence[Variable]) -> Iterator[Variable]:
-    """The variables of the table that a compiled FMU has."""
+def _variables(table: Sequence[Variable], constant: bool) -> Iterator[Variable]:
+    """The variables of the table that an FMU has; ``constant`` : whether its image is made beforehand."""
     for variable in table:
-        if variable.name in _LEFT_OUT:
+        if variable.name in LEFT_OUT:
             continue
-        if variable.name in CONSTANTS:
+        if constant and variable.name in _CONSTANTS:
             about = f"{variable.description.partition(',')[0].partition(';')[0]}; fixed when the FMU is made"
             yield replace(variable, causality="local", variability="constant", description=about)
         elif variable.name == "historyFile":

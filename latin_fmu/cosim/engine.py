@@ -1,56 +1,25 @@
-"""The runtime in C (``runtime``) as the engine of a session in this process.
-
-The image of a run stays in the memory of Python: the engine marches on the moving block of the image itself, where
-functions of Python that the kernels call (``kernels.callouts``: laws, factors) find their numbers. Before and after
-each call of the kernels it calls back: laws of the scene are tabulated, time steps recorded, and an interruption or an
-error in Python stops the step, which then has changed nothing.
-"""
+"""The runtime in C (``runtime``) as the engine of a session in this process."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Callable, Mapping, Sequence
-from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
+from collections.abc import Mapping, Sequence
+from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_uint32, c_void_p
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ..compiled import library
 from ..errors import InputError, Problem, SolverError
-from ..kernels import entries
-from ..kernels.records import CLASS, GROUP, RUN
 from ..latin.outcome import Array
-from ..propagator.image import pools_of
 from . import runtime
-from .communication import WORDS, CommunicationRun, header
+from .handed_run import HandedRun, address
 
 OK, WARNING, DISCARD, ERROR = range(4)
-ABOUT_TO, HAVE_MADE, WORKS_ON = range(3)
-"""Moments of a call back, as in runtime/runtime.h."""
 STEP: Final = 6
 """State of an instance that steps, as in runtime/instance.h."""
-_FAILED: Final = 1
-Tell = Callable[[int, int, int, int], None]
-_TELL: Final = ctypes.CFUNCTYPE(c_int64, c_int64, c_int64, c_int64, c_int64)
-_KERNELS: Final = ctypes.CFUNCTYPE(c_int32, POINTER(c_int64), c_void_p)
 _LOG: Final = ctypes.CFUNCTYPE(None, c_int, c_char_p)
 _CANNOT: Final = "the session cannot be used so"
-
-
-class _Process(Structure):
-    """``Process`` of runtime/runtime.h."""
-
-    _fields_ = [
-        ("table", c_void_p),
-        ("n_table", c_int64),
-        ("head", c_void_p),
-        ("records", c_void_p * 3),
-        ("fixed", c_void_p),
-        ("moving", c_void_p),
-        ("kernels", c_void_p),
-        ("tell", c_void_p),
-    ]
 
 
 class _History(Structure):
@@ -70,33 +39,6 @@ class _View(Structure):
     ]
 
 
-def _address(array: Any) -> int:
-    return int(array.ctypes.data)
-
-
-def _kernels() -> Any:
-    """The entry of the kernels for C: that of their library, else a function of Python that calls them."""
-    shared = library.loaded()
-    if shared is not None:
-        return ctypes.cast(shared.kernels_entries_call_0, c_void_p)
-
-    def call(slots: Any, result: Any) -> int:
-        block = [(slots[2 * i], slots[2 * i + 1]) for i in range(9)]
-        kinds: tuple[Any, ...] = (RUN, CLASS, GROUP, np.dtype(float), np.dtype(float))
-        arrays = [
-            np.frombuffer((ctypes.c_char * (kind.itemsize * n)).from_address(at), kind) if n else np.zeros(0, kind)
-            for kind, (at, n) in zip(kinds, (*block[:4], block[7]), strict=True)
-        ]
-        try:
-            done = entries.call(pools_of(*arrays), *(slots[18 + i] for i in range(5)))
-        except MemoryError:
-            return 1
-        c_int64.from_address(result).value = done
-        return 0
-
-    return _KERNELS(call)
-
-
 class Step(NamedTuple):
     """A communication step: status, why it was refused, where it ended, s, its time steps, -1 where it moved the clock
     alone."""
@@ -112,10 +54,7 @@ class Engine:
 
     Parameters
     ----------
-    run : whose image it marches; nothing else may change the image as long as this lives. table : the table of its
-        variables (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers; what it raises
-        ends the step, and is raised by the method that made it. A method of an object that is not kept alive. most :
-        time steps of a call of the kernels.
+    handed : the run. n_input, n_output : of it.
 
     Attributes
     ----------
@@ -126,57 +65,21 @@ class Engine:
     InputError : the library is missing. SolverError : there is no memory.
     """
 
-    def __init__(self, run: CommunicationRun, table: bytes, tell: Tell, most: int) -> None:
-        image = run.image
-        image.write()
-        self._raised: BaseException | None = None
+    def __init__(self, handed: HandedRun, n_input: int, n_output: int) -> None:
         self._messages: list[tuple[int, str]] = []
-        messages, own, method = self._messages, weakref.ref(self), weakref.WeakMethod(tell)
-
-        def called(what: int, a: int, b: int, c: int) -> int:
-            engine, tell = own(), method()
-            if engine is None or tell is None or engine._raised is not None:
-                return 1
-            try:
-                if what == WORKS_ON:
-                    image.work_on(np.ctypeslib.as_array((c_double * b).from_address(a)))
-                    return 0
-                if what == HAVE_MADE:
-                    image.callouts.check()
-                tell(what, a, b, c)
-            except BaseException as error:  # of any kind, an interruption among them: no exception passes through C
-                engine._raised = error
-                return 1
-            return 0
-
+        messages = self._messages
         self._log = _LOG(lambda status, text: messages.append((status, text.decode(errors="replace"))))
-        self._tell, self._entry = _TELL(called), _kernels()
-        self._words = np.frombuffer(table, dtype=np.uint64).copy()
-        self._head = np.frombuffer(header(run), dtype=np.uint64).copy()
-        self._head[1 + WORDS.index("most_steps")] = most  # behind the magic number
-        self._process = _Process(
-            _address(self._words),
-            len(self._words),
-            _address(self._head),
-            (c_void_p * 3)(*map(_address, (image.run, image.classes, image.groups))),
-            _address(image.fixed),
-            _address(image.moving),
-            ctypes.cast(self._entry, c_void_p),
-            ctypes.cast(self._tell, c_void_p),
-        )
-        self._run = run  # its arrays are those of the engine
-        self._n_input, self._n_output = len(run.sources.inputs), int(image.run[0]["n_output"])
+        self._handed, self._n_input, self._n_output = handed, n_input, n_output
         self._library: Any = runtime.loaded()
         self._functions = {name: self._function(name) for name in ("open", "view", "step", "initialize", "derivative")}
         self._functions["open"].restype = c_void_p
-        instance: int | None = self._functions["open"](byref(self._process), self._log)
+        instance: int | None = self._functions["open"](byref(handed.process), self._log)
         if instance is None:
             raise SolverError(self._message())
         self._handle = c_void_p(instance)
-        kept = self._process, self._log, self._tell, self._entry, self._words, self._head, run
-        self._free = weakref.finalize(self, _freed, self._library, instance, kept)
+        self._free = weakref.finalize(self, _freed, self._library, instance, (handed, self._log))
         self._end, self.row = np.zeros(2), np.zeros(self._n_output)
-        self._end_at = _address(self._end)
+        self._end_at = address(self._end)
         self._functions["step"].argtypes = [c_void_p, c_double, c_double, c_int, c_void_p, c_void_p, c_void_p]
         self._functions["step"].restype = c_int
 
@@ -193,10 +96,7 @@ class Engine:
         function = self._functions.get(name) or self._functions.setdefault(name, self._function(name))
         self._messages.clear()
         status = int(function(self._handle, *arguments))
-        if self._raised is not None:
-            raised, self._raised = self._raised, None
-            raise raised
-        self._run.image.callouts.check()
+        self._handed.check()
         return status
 
     def _of_fmi(self, name: str, *arguments: Any) -> int:
@@ -228,9 +128,9 @@ class Engine:
         self._call("renew")
         for i, (times, values) in histories.items():
             t, a = (np.ascontiguousarray(part, dtype=float) for part in (times, values))
-            self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(_address(t)), c_void_p(_address(a))))
+            self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a))))
         row, inputs = np.zeros(self._n_output), np.ascontiguousarray(given, dtype=float)
-        arguments = c_double(start), c_void_p(_address(inputs)), c_void_p(_address(row))
+        arguments = c_double(start), c_void_p(address(inputs)), c_void_p(address(row))
         self._done(self._call("initialize", *arguments))
         self.row = row
 
@@ -244,7 +144,7 @@ class Engine:
         given : (n_input, 2) value and rate of the inputs, C-contiguous.
         """
         row = np.empty(self._n_output)
-        status = self._call("step", t, h, early, _address(given), self._end_at, _address(row))
+        status = self._call("step", t, h, early, address(given), self._end_at, address(row))
         if status > WARNING:
             return Step(status, self._message(), 0.0, 0)
         self.row = row
@@ -259,7 +159,7 @@ class Engine:
         """
         n, m, values = len(unknowns), len(knowns), np.zeros(len(unknowns))
         places = ((c_uint32 * n)(*unknowns), c_int64(n), (c_uint32 * m)(*knowns), c_int64(m))
-        status = self._call("derivative", *places, (c_double * m)(*seed), c_void_p(_address(values)))
+        status = self._call("derivative", *places, (c_double * m)(*seed), c_void_p(address(values)))
         if status == DISCARD:
             raise InputError([Problem("session", self._message())], _CANNOT)
         self._done(status)
@@ -315,7 +215,7 @@ class Engine:
     def snapshot(self, given: Array) -> bytes:
         """Everything that determines the next steps and the outputs, with these inputs (n_input, 2), as bytes."""
         inputs = np.ascontiguousarray(given, dtype=float)
-        self._function("give")(self._handle, c_void_p(_address(inputs)))
+        self._function("give")(self._handle, c_void_p(address(inputs)))
         state, size = c_void_p(), c_size_t()
         self._done(self._of_fmi("GetFMUState", byref(state)))
         try:
@@ -340,9 +240,7 @@ class Engine:
             self._done(self._of_fmi("SetFMUState", state))
         finally:
             self._of_fmi("FreeFMUState", byref(state))
-        if self._raised is not None:
-            raised, self._raised = self._raised, None
-            raise raised
+        self._handed.check()
         now = self._view().now
         self.row = np.array([now[i] for i in range(self._n_output)])
 

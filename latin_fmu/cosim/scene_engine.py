@@ -12,19 +12,18 @@ import numpy as np
 from ..assembly.segments import Segment
 from ..errors import SolverError
 from ..kernels import inputs
-from ..kernels.communication import FREE
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
 from ..machine import package_version
-from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .communication import CommunicationRun
-from .engine import ABOUT_TO, STEP, Engine, Step
-from .input_table import with_laws
+from .engine import STEP, Engine, Step
+from .handed_run import ABOUT_TO, HandedRun
 from .loads import GivenLoads
 from .output_table import AT_POINTS
 from .record import Record, WholeRecord, amplitudes_of
 from .settings import Settings
+from .started_run import StartedRun
 from .table_file import Identity, table_file
 from .variable import Variable
 
@@ -41,7 +40,7 @@ class SceneEngine:
 
     Attributes
     ----------
-    engine, run : None before they are needed.
+    engine : None before it is needed.
     """
 
     def __init__(self, scene: Scene, settings: Settings, table: Sequence[Variable], identity: str) -> None:
@@ -49,41 +48,38 @@ class SceneEngine:
         starts: dict[str, Any] = {name: getattr(settings, of) for name, of in _CHOICES.items()}
         starts["endTime"] = scene.time.end
         self._table = [replace(v, start=starts[v.name]) if v.name in starts else v for v in table]
+        self._started = StartedRun(scene, settings.tolerance)
         self.engine: Engine | None = None
-        self.run: CommunicationRun | None = None
-        self._built: dict[str, float] = {}
         self._record: Record | None = None
         self._known: dict[str, InterfaceHistory] = {}
 
+    @property
+    def run(self) -> CommunicationRun | None:
+        """The run; None before it is needed."""
+        return self._started.run
+
     def ready(self, starts: Mapping[str, float]) -> Engine:
         """The engine for these amplitudes of the inputs at the start."""
-        if self.engine is None or any(starts[name] != self._built[name] for name in self._held):
-            return self._build(starts)
-        return self.engine
+        before = self._started.run
+        run = self._started.of(starts)
+        return self._build(run) if self.engine is None or run is not before else self.engine
 
-    @property
-    def _held(self) -> list[str]:
-        """Inputs whose amplitude at the start the image holds for alone."""
-        assert self.run is not None
-        image, names = self.run.image, self.run.sources.inputs
-        at = image.run_fields["input_held"]
-        held = image.fixed[at : at + len(names)].view(np.int64)
-        return [name for name, kind in zip(names, held.tolist(), strict=True) if kind != FREE]
-
-    def _build(self, starts: Mapping[str, float]) -> Engine:
-        self.close()
-        laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
-        scene = with_laws(self._scene, laws) if laws else self._scene
-        self.run = CommunicationRun(scene, self._settings.tolerance, python=True)
-        identity = Identity(f"{self._identity} {package_version()}", endless=True)
-        table = table_file(self._table, self._scene, self.run, identity)
-        most = 1 if self._settings.keep and self._reads_fields else self.run.steps
-        self._built, self._known = dict(starts), {}
-        self.engine = Engine(self.run, table, self._tell, most)
+    def _build(self, run: CommunicationRun) -> Engine:
+        if self.engine is not None:
+            self.engine.close()
+        table = table_file(
+            self._table, self._scene, run, Identity(f"{self._identity} {package_version()}", endless=True)
+        )
+        records = self._settings.keep or self._settings.prescribed
+        most = 1 if records and self._reads_fields else run.steps
+        handed = HandedRun(run, table, self._tell, most, whole=True)
+        self._known = {}
+        self.engine = Engine(handed, len(run.sources.inputs), int(run.image.run[0]["n_output"]))
+        self._record = None
         if self._settings.prescribed:
-            self._record = WholeRecord(self.run)
+            self._record = WholeRecord(run)
         elif self._settings.keep:
-            self._record = Record(self.run, self._settings.interpolation)
+            self._record = Record(run, self._settings.interpolation)
         return self.engine
 
     @property
@@ -97,7 +93,8 @@ class SceneEngine:
         """Free the engine."""
         if self.engine is not None:
             self.engine.close()
-        self.engine = self.run = self._record = None
+        self.engine = self._record = None
+        self._started.forget()
 
     # -- steps ----------------------------------------------------------------------------------------------------
     def initialize(self, loads: GivenLoads, t0: float) -> Engine:
@@ -113,9 +110,9 @@ class SceneEngine:
             self._initialize(engine, loads, t0)
         except SolverError:
             # the initial state may be none of the values that it was not built for
-            if self._built == starts:
+            if self._started.starts == starts:
                 raise
-            engine = self._build(starts)
+            engine = self._build(self._started.made_for(starts))
             self._initialize(engine, loads, t0)
         return engine
 
@@ -166,8 +163,6 @@ class SceneEngine:
 
     def _tell(self, what: int, made: int, n: int, whole: int) -> None:
         """Called by the engine before (ABOUT_TO) and after it has called the kernels."""
-        if what == ABOUT_TO:
-            self._tabulate(made, n)
         if self._record is None:
             return
         if what == ABOUT_TO:
@@ -180,21 +175,6 @@ class SceneEngine:
         else:
             with np.errstate(all="ignore"):
                 self._record.have_made(n)
-
-    def _tabulate(self, made: int, n: int) -> None:
-        """Let the table of the laws of the scene hold the next n time steps, beyond the end of the scene too."""
-        assert self.run is not None
-        sources, image = self.run.sources, self.run.image
-        first, end = int(image.run[0]["law_first"]), sources.end
-        if end < 0 or first <= made <= first + end - n:
-            return
-        # the table of the scene where it reaches, else one that begins here
-        first = 0 if made + n <= end else made
-        instants = self.run.drives.dt * np.arange(first, first + end + 1.0)
-        table = sources.table if first == 0 else sources.own(self._scene, instants)
-        at = image.run_fields["law_table"]
-        image.fixed[at : at + table.size] = table.ravel()
-        image.set({"law_first": first})
 
     def rates(self, loads: GivenLoads) -> dict[str, float]:
         """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, and is no wave,

@@ -74,8 +74,6 @@ _NAMED: Final = {
     "tolerance": "tolerance",
     "results": "resultsFile",
 }
-CONSTANTS: Final = ("timeStep", "tolerance", "maxIterations")
-"""Parameters that an image is made for."""
 PARTS: Final = ("time", "output", "field")
 """What a part of a record is, in the order of the names R_... of runtime/runtime.h."""
 _MIXERS: Final = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
@@ -90,7 +88,7 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
     name = variable.name
     if name == "time":
         return "time", 0, 0
-    if variable.variability == "constant" or name in CONSTANTS:
+    if variable.variability == "constant":
         return "constant", 0, 0
     if variable.kind == "string":
         return "text", 0, 0

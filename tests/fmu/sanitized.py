@@ -50,8 +50,12 @@ def sanitized_libraries() -> Iterator[None]:
     own = library.target()
     with tempfile.TemporaryDirectory() as name, pytest.MonkeyPatch.context() as changed:
         folder = Path(name)
-        bridged = made(folder / "bridge.so", bridge.sources(), f"-I{runtime.HERE}", "-ldl", "-fvisibility=hidden")
-        changed.setattr(bridge, "libraries", lambda: {own: bridged})
+        more = ("-ldl", "-lm", "-fvisibility=hidden")
+        bridged = {
+            kind: made(folder / f"{kind}.so", bridge.sources(kind), *bridge.options(kind), *more)
+            for kind in bridge.KINDS
+        }
+        changed.setattr(bridge, "libraries", lambda kind: {own: bridged[kind]})
         content = {own: kernels_library(folder).read_bytes()}
         for place in (fmu_build.compiled, fmu_build.build):
             changed.setattr(place, "libraries", lambda: content)

@@ -28,6 +28,7 @@ void free_step(struct Object *o)
     free(o->made.state);
     free(o->made.given);
     free(o->made.columns);
+    o->made = (LastStep){0};
 }
 
 /* The step that was just made from the state in o->before. */

@@ -18,23 +18,6 @@ static void emit_to_process(const Instance *c, int status, const char *category,
     ((Told *)c->logger)(status, text);
 }
 
-static const Image *image_in_memory(const Process *process)
-{
-    Image *image = calloc(1, sizeof *image);
-    size_t bytes = 8 * (size_t)process->head[M_N_MOVING].i;
-    double *moving = image ? malloc(bytes + 8) : NULL;
-    if (moving == NULL) return free(image), NULL;
-    memcpy(moving, process->moving, bytes); /* what every simulation begins from */
-    image->process = process;
-    image->table = (Word *)process->table;
-    image->head = (Word *)process->head;
-    for (int i = 0; i < 3; i++) image->records[i] = process->records[i];
-    image->fixed = process->fixed;
-    image->moving = moving;
-    understood_head(image);
-    return image;
-}
-
 /* The process keeps what it hands over until the instance is freed (fmi3FreeInstance). NULL after a message. */
 EXPORT Instance *latin_fmu_open(const Process *process, Told *logger)
 {
@@ -45,7 +28,7 @@ EXPORT Instance *latin_fmu_open(const Process *process, Told *logger)
     c->kind = COSIMULATION_3;
     c->name = copied("session");
     if (c->name != NULL && fits(process->table, (size_t)process->n_table)) {
-        if (filled(c, image_in_memory(process))) return c;
+        if (filled(c, image_in_memory(process, NULL))) return c;
     } else
         msg(c, ERROR, "the table of variables is damaged");
     closed(c);

@@ -3,20 +3,12 @@
 
 #include <stdio.h>
 
-/* A library without kernels takes those that a process hands over. */
-#if defined(LATIN_FMU_WITHOUT_KERNELS)
-static int latin_fmu_fits(void) { return 1; }
+#if defined(LATIN_FMU_WITHOUT_KERNELS) /* a process hands them over */
 static int32_t (*const kernels_entries_call_0)(const int64_t *, void *) = NULL;
 #else
-int latin_fmu_fits(void);
 int32_t kernels_entries_call_0(const int64_t *slots, void *result);
 #endif
 
-#if defined(LATIN_FMU_WIDE)
-static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
-#else
-static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
-#endif
 static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
 static const double MOST_STEPS = 1e6;
 static const double EXACT = 1e-9; /* of the largest traction: what a law may miss, as in latin_fmu/latin/instant_solve.py */
@@ -37,7 +29,8 @@ int renewed(Instance *c)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
-    memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
+    if (image->head != NULL) memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
+    o->accuracy = 0.0;
     o->discarded = o->opened = o->acted = 0;
     o->n_row = o->n_fields = 0;
     no_records(o);
@@ -64,23 +57,48 @@ static void set_slots(struct Object *o)
     }
 }
 
+int take_image(Instance *c, const Image *image)
+{
+    struct Object *o = c->fmu;
+    if (image == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
+    free_step(o);
+    if (o->image != NULL && o->image->process == NULL) aligned_free(o->moving);
+    free(o->before);
+    free(o->relaxed);
+    free(o->now);
+    image_freed(o->image);
+    o->image = image;
+    o->moving = o->before = NULL;
+    o->relaxed = NULL;
+    o->now = calloc((size_t)image->n_output + 1, sizeof(double));
+    int good = o->now != NULL && room_for_step(o);
+    if (good && image->head != NULL) { /* else it is made when a simulation begins */
+        o->kernels = image->process ? image->process->kernels : kernels_entries_call_0;
+        o->moving = image->process ? image->process->moving : aligned(8 * (size_t)image->head[M_N_MOVING].i);
+        o->before = malloc(8 * (size_t)image->n_state + 8);
+        o->relaxed = malloc((size_t)image->head[M_RUN_SIZE].i);
+        good = o->moving && o->before && o->relaxed;
+        if (good) set_slots(o);
+    }
+    return good || (msg(c, ERROR, "no memory for an instance"), 0);
+}
+
 int filled(Instance *c, const Image *image)
 {
     c->fmu = image ? calloc(1, sizeof *c->fmu) : NULL;
     if (c->fmu == NULL) return image_freed(image), msg(c, ERROR, "no memory for an instance"), 0;
-    struct Object *o = c->fmu;
-    size_t n_moving = 8 * (size_t)image->head[M_N_MOVING].i;
-    o->image = image;
-    o->kernels = image->process ? image->process->kernels : kernels_entries_call_0;
-    o->moving = image->process ? image->process->moving : aligned(n_moving);
-    o->before = malloc(8 * (size_t)o->image->n_state + 8);
-    o->relaxed = malloc((size_t)o->image->head[M_RUN_SIZE].i);
-    o->now = malloc(8 * (size_t)o->image->n_output + 8);
-    if (!o->moving || !o->before || !o->relaxed || !o->now || !room_for_step(o) || !renewed(c))
-        return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
-    set_slots(o);
-    return 1;
+    if (!take_image(c, image)) return 0;
+    return renewed(c) || (msg(c, ERROR, "no memory for an instance"), 0);
 }
+
+#if !defined(LATIN_FMU_WITHOUT_KERNELS)
+int latin_fmu_fits(void);
+
+#if defined(LATIN_FMU_WIDE)
+static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
+#else
+static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
+#endif
 
 /* An instance of the files of an FMU. */
 static int filled_from_files(Instance *c, const char *token, const char *resources)
@@ -92,6 +110,12 @@ static int filled_from_files(Instance *c, const char *token, const char *resourc
     if (image == NULL) return msg(c, ERROR, "%s", trouble), 0;
     return filled(c, image);
 }
+#elif !defined(LATIN_FMU_MAKES)
+static int filled_from_files(Instance *c, const char *token, const char *resources)
+{
+    return (void)token, (void)resources, msg(c, ERROR, "this library has no kernels"), 0;
+}
+#endif
 
 Instance *opened(const Instance *given, const char *name, const char *token, const char *resources)
 {
@@ -109,6 +133,23 @@ Instance *opened(const Instance *given, const char *name, const char *token, con
     return NULL;
 }
 
+int made_for_now(Instance *c)
+{
+    struct Object *o = c->fmu;
+#if defined(LATIN_FMU_MAKES)
+    int64_t n_input = table_of(c)[T_N_INPUT].i, prescribed = parameter(c, T_MODE, 0.0) == PRESCRIBED;
+    double *starts = calloc((size_t)n_input + 1, sizeof *starts);
+    if (starts == NULL) return msg(c, ERROR, "no memory for an instance");
+    for (int64_t i = 0; i < n_input; i++)
+        starts[i] = prescribed && o->histories[i].n ? history_at(o->histories + i, 0.0) : o->given[2 * i];
+    int status = make_image(c, o->numbers, starts);
+    free(starts);
+    return status;
+#else
+    return o->image->head != NULL ? OK : ERROR;
+#endif
+}
+
 void closed(Instance *c)
 {
     if (c == NULL) return;
@@ -118,6 +159,9 @@ void closed(Instance *c)
         free_states(o);
         free_step(o);
         if (o->image == NULL || o->image->process == NULL) aligned_free(o->moving);
+#if defined(LATIN_FMU_MAKES)
+        free_maker(o); /* which keeps the image */
+#endif
         free(o->before);
         free(o->relaxed);
         free(o->now);
@@ -194,7 +238,7 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 {
     const Image *image = c->fmu->image;
     if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
-    if (result == STOPPED) return msg(c, ERROR, "stopped in the step at %g s", t);
+    if (result == STOPPED) return msg(c, ERROR, "stopped in the step at %g s: %s", t, image->process->trouble);
     if (result == BEYOND_LAWS)
         return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
@@ -213,15 +257,17 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 }
 
 /* -- outputs of the last step ------------------------------------------------------------------------------------------ */
-int has_arrays(const Instance *c) { return c->fmu->image->process != NULL || table_of(c)[T_WINDOW_SIZE].i >= 0; }
+static int keeps_all(const Image *image) { return image->process != NULL && image->process->whole; }
+
+int has_arrays(const Instance *c) { return keeps_all(c->fmu->image) || table_of(c)[T_WINDOW_SIZE].i >= 0; }
 
 /* A process reads the fields of a whole step; the arrays of an FMU are those at its end. */
 int64_t rows_with_fields(const Instance *c, int64_t n_row)
 {
-    return n_row == 0 || !has_arrays(c) ? 0 : c->fmu->image->process != NULL ? n_row : 1;
+    return n_row == 0 || !has_arrays(c) ? 0 : keeps_all(c->fmu->image) ? n_row : 1;
 }
 
-int64_t size_of_fields(const Instance *c) { return c->fmu->image->head[M_N_FIELD].i; }
+int64_t size_of_fields(const Instance *c) { return c->fmu->image->head ? c->fmu->image->head[M_N_FIELD].i : 0; }
 
 int room_for(struct Object *o, int64_t n_row, int64_t n_fields, int64_t size)
 {
@@ -257,7 +303,8 @@ int setup(Instance *c, double start, double tolerance)
 {
     double own = parameter(c, T_TOLERANCE, 0.0);
     c->time = c->fmu->start = start;
-    if (tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
+    c->fmu->accuracy = tolerance;
+    if (c->fmu->maker == NULL && tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
         msg(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed when it is made "
             "(%g on sqrt(eta), a relative accuracy of %g)", tolerance, own, 5.0 * own);
     return OK;
@@ -306,7 +353,7 @@ static void set_step(Instance *c, int64_t step, int64_t n)
    linear function of the inputs. */
 static int stands(const Instance *c)
 {
-    const Word *table = table_of(c), *points = table + table[T_PRESSED].i;
+    const Word *table = c->fmu->image->run_table, *points = table + table[T_PRESSED].i;
     int64_t n = table[T_N_PRESSED].i;
     double largest = 0.0;
     for (int64_t i = 0; i < P_ROW * n; i += P_ROW)
@@ -318,7 +365,7 @@ static int stands(const Instance *c)
         if (-f[0] >= -EXACT * largest && shear <= -points[i + P_FRICTION].d * f[0] + EXACT * largest) continue;
         msg(c, ERROR, "the inputs move a rigid body at the start so that it slides or lifts at once at interface %s, for which "
             "the initial state was not computed: begin with smaller inputs, or use an FMU that was made with --python",
-            text_at(c, points[i + P_NAME].i));
+            (const char *)(table + table[T_TEXTS].i) + points[i + P_NAME].i);
         return 0;
     }
     return 1;
@@ -410,6 +457,7 @@ int initialize(Instance *c)
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
     if (status == OK && keeps_results(c)) status = results_ready(c);
+    if (status == OK) status = made_for_now(c);
     if (status != OK) return status;
     memcpy(o->first, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i);
     c->time = o->start;
@@ -590,7 +638,7 @@ static int marched(Instance *c, double t, double h)
         c->time = t + h;
         return hold_last(o), OK;
     }
-    int64_t wanted = image->process != NULL ? n + 1 : has_arrays(c) ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
+    int64_t wanted = keeps_all(image) ? n + 1 : has_arrays(c) ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
     Part part = {n, n, n + 1 < wanted ? n + 1 : wanted};
     double *rows = o->rows, *times = o->times, *fields = o->fields;
     /* the old rows are kept until the step is accepted */

@@ -65,6 +65,8 @@ typedef struct {
     double *moving;
     int32_t (*kernels)(const int64_t *slots, void *result);
     int64_t (*tell)(int64_t what, int64_t a, int64_t b, int64_t c);
+    const char *trouble; /* why tell has stopped a step */
+    int64_t whole;       /* whether fields of the points are kept at all instants of a step */
 } Process;
 /* ABOUT_TO: make b time steps, after a since the start, of a communication step of c; HAVE_MADE: b of those that were wanted,
    behind a of c; WORKS_ON: the kernels work on the moving block at address a, of b numbers, until the next one. */
@@ -82,12 +84,16 @@ struct Image {
     int64_t n_output, n_state;
     double dt;
     const Process *process; /* NULL: the image is from files */
+    const Word *run_table;  /* table with what belongs to the run: whole numbers of its state, points pressed at the start */
+    int owns_table;
+    int unlisted;           /* whether it is of one instance alone, and not in the list */
 };
 
 const Image *image_of(const char *folder, const char *token, char *trouble, size_t size);
 void image_freed(const Image *);
+const Image *image_of_table(const char *folder, const char *token, char *trouble, size_t size); /* head: NULL */
+const Image *image_in_memory(const Process *, const Image *files); /* files: NULL, or what the table and the folder are of */
 int fits(const Word *table, size_t n_word);
-int understood_head(Image *); /* numbers of the header, once head is there */
 uint64_t checksum(const void *words, size_t n_word);
 char *joined(const char *folder, const char *name);
 FILE *file_at(const char *path, const char *how);
@@ -146,7 +152,18 @@ struct Object {
     Records records;         /* for the results file */
     void **states;           /* given to the host */
     size_t n_state;
+    void *maker;             /* of the image, where it is made when a simulation begins; else NULL */
+    double accuracy;         /* that the host wants then, 0 where it says nothing */
 };
+
+/* Makes the image for these values of the variables and of the inputs at the start, unless it is that; a status. Only in a
+   library with LATIN_FMU_MAKES is an image made (fmu_build/bridge/make.c). */
+#if defined(LATIN_FMU_MAKES)
+int make_image(Instance *, const double *numbers, const double *starts);
+int filled_from_files(Instance *, const char *token, const char *resources);
+void free_maker(struct Object *);
+#endif
+int made_for_now(Instance *); /* the same for what is set; OK where the image is there from the beginning */
 
 int msg(const Instance *, int status, const char *format, ...); /* logs a message; returns its status */
 const Word *table_of(const Instance *);
@@ -168,6 +185,7 @@ int not_finite(const Instance *);
 
 /* run.c */
 int filled(Instance *, const Image *); /* a new object for an image; 0 after a message */
+int take_image(Instance *, const Image *); /* in the place of the one that is there; 0 after a message */
 int renewed(Instance *);
 int advanced(Instance *, double t, double h);
 int has_arrays(const Instance *);
