@@ -322,8 +322,16 @@ class CoSimulationAdapter(Opened):
         """Write the address of the image for these values of the variables, and amplitudes of the inputs at the
         start; ``accuracy`` : that the host wants, 0 where it says nothing."""
         given = self._array(numbers).tolist(), accuracy, self._array(starts).tolist() if starts.nbytes else []
+        return self._done(lambda: self._array(address, "i8").__setitem__(0, self._maker.make(*given)))
+
+    def table_of_file(self, path: bytes, rows: list[bytes]) -> int:
+        """Append the histories in a netCDF file as a table of text."""
+        name = path.decode(errors="surrogateescape")
+        return self._done(lambda: rows.append(self._maker.history_table(name).encode()))
+
+    def _done(self, call: Callable[[], None]) -> int:
         try:
-            self._array(address, "i8")[0] = self._maker.make(*given)
+            call()
         except self._module("errors").LatinError as error:
             return self._refused(str(error))
         return self._status()

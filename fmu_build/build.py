@@ -217,7 +217,7 @@ def build_fmu(
     ResultsError : the file cannot be written.
     """
     files = fmu_files(scene, fmi) if python else compiled_files(scene, fmi)
-    more = reference_of(scene, compiled=not python).files if extra is None else extra
+    more = reference_of(scene).files if extra is None else extra
     return write_archive(target, {**files, **more})
 
 

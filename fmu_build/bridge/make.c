@@ -30,6 +30,21 @@ int make_image(Instance *c, const double *numbers, const double *starts)
     return OK;
 }
 
+char *table_of_file(Instance *c, const char *path)
+{
+    int state = lock();
+    PyThing *rows = PyList_New(0), *name = PyBytes_FromStringAndSize(path, (ptrdiff_t)strlen(path));
+    /* O: the list stays ours, the name is given away */
+    int status = call(c, c->fmu->maker, "table_of_file", "(NO)", name, rows);
+    PyThing *text = status < DISCARD ? PyList_GetItem(rows, 0) : NULL;
+    char *copy = text ? copied(PyBytes_AsString(text)) : NULL;
+    PyErr_Clear();
+    Py_DecRef(rows);
+    unlock(state);
+    if (copy == NULL && status < DISCARD) msg(c, ERROR, "no memory for the table of %.500s", path);
+    return copy;
+}
+
 void free_maker(struct Object *o)
 {
     if (o->maker == NULL) return;

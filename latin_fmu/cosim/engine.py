@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_uint32, c_void_p
 from typing import Any, Final, NamedTuple
 
@@ -19,6 +20,7 @@ OK, WARNING, DISCARD, ERROR = range(4)
 STEP: Final = 6
 """State of an instance that steps, as in runtime/instance.h."""
 _LOG: Final = ctypes.CFUNCTYPE(None, c_int, c_char_p)
+_LONGEST: Final = 200  # bytes of a sentence
 _CANNOT: Final = "the session cannot be used so"
 
 
@@ -54,7 +56,8 @@ class Engine:
 
     Parameters
     ----------
-    handed : the run. n_input, n_output : of it.
+    handed : the run. n_input, n_output : of it. at_work : context of calls that the threads of the run share; None
+        where there is one thread.
 
     Attributes
     ----------
@@ -65,7 +68,14 @@ class Engine:
     InputError : the library is missing. SolverError : there is no memory.
     """
 
-    def __init__(self, handed: HandedRun, n_input: int, n_output: int) -> None:
+    def __init__(
+        self,
+        handed: HandedRun,
+        n_input: int,
+        n_output: int,
+        at_work: Callable[[], AbstractContextManager[None]] | None = None,
+    ) -> None:
+        self._at_work = at_work
         self._messages: list[tuple[int, str]] = []
         messages = self._messages
         self._log = _LOG(lambda status, text: messages.append((status, text.decode(errors="replace"))))
@@ -95,17 +105,22 @@ class Engine:
         """A function on the instance; its status. Raises what a call back has raised."""
         function = self._functions.get(name) or self._functions.setdefault(name, self._function(name))
         self._messages.clear()
-        status = int(function(self._handle, *arguments))
+        if self._at_work is None:
+            status = int(function(self._handle, *arguments))
+        else:
+            with self._at_work():
+                status = int(function(self._handle, *arguments))
         self._handed.check()
         return status
 
     def _of_fmi(self, name: str, *arguments: Any) -> int:
-        """A function of FMI 3 on the instance; its status."""
-        self._messages.clear()
-        return int(getattr(self._library, f"fmi3{name}")(self._handle, *arguments))
+        """As ``_call``, a function of FMI 3."""
+        if name not in self._functions:
+            self._functions[name] = getattr(self._library, f"fmi3{name}")
+        return self._call(name, *arguments)
 
     def _message(self) -> str:
-        return self._messages[-1][1] if self._messages else "no memory for an instance"
+        return self._messages[-1][1] if self._messages else "the runtime gives no reason"
 
     @property
     def warnings(self) -> list[str]:
@@ -123,7 +138,7 @@ class Engine:
 
         Raises
         ------
-        SolverError : inputs that cannot be used, no convergence.
+        InputError : inputs or choices that cannot be. SolverError : no convergence.
         """
         self._call("renew")
         for i, (times, values) in histories.items():
@@ -131,7 +146,10 @@ class Engine:
             self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a))))
         row, inputs = np.zeros(self._n_output), np.ascontiguousarray(given, dtype=float)
         arguments = c_double(start), c_void_p(address(inputs)), c_void_p(address(row))
-        self._done(self._call("initialize", *arguments))
+        status = self._call("initialize", *arguments)
+        if status == DISCARD:
+            raise InputError([Problem("session", self._message())], "the session cannot start")
+        self._done(status)
         self.row = row
 
     def _done(self, status: int) -> None:
@@ -240,9 +258,16 @@ class Engine:
             self._done(self._of_fmi("SetFMUState", state))
         finally:
             self._of_fmi("FreeFMUState", byref(state))
-        self._handed.check()
         now = self._view().now
         self.row = np.array([now[i] for i in range(self._n_output)])
+
+
+def wrong_history(times: Array, values: Array) -> str:
+    """What is wrong with a history (n,) for the runtime; empty where nothing is."""
+    text = ctypes.create_string_buffer(_LONGEST)
+    t, a = (np.ascontiguousarray(part) for part in (times, values))
+    places = c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a)), text, c_size_t(_LONGEST)
+    return text.value.decode() if runtime.loaded().latin_fmu_wrong_history(*places) else ""
 
 
 def _freed(shared: Any, instance: int, _kept: object) -> None:

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import InputError, Problem
 from ..latin.settings import tolerance_for
 
 if TYPE_CHECKING:
+    from ..latin.outcome import Array
     from ..scene.schema import Scene
     from .handed_run import HandedRun
     from .settings import Settings
@@ -92,6 +95,17 @@ class ImageMaker:
             max_iterations=int(number["maxIterations"]),
         )
 
+    def history_table(self, path: str) -> str:
+        """Histories in a netCDF file as the text of a CSV table: times, and a column for each variable over them.
+
+        Raises
+        ------
+        InputError : the file cannot be read.
+        """
+        columns = _netcdf(Path(path))
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        return "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows), ""])
+
     def close(self) -> None:
         """Free the images."""
         self._handed, self._started = [], None
@@ -99,3 +113,31 @@ class ImageMaker:
 
 LEFT_OUT = ("estimateError",)
 """Variables of a session that no FMU has: they need Python when the simulation ends."""
+
+
+def _netcdf(file: Path) -> dict[str, Array]:
+    import numpy as np
+    import xarray as xr
+
+    from ..file_digest import is_damaged
+
+    def bad(what: str) -> InputError:
+        return InputError([Problem(str(file), what)], "the load histories cannot be used")
+
+    if not file.is_file():
+        raise bad("no such file")
+    try:
+        if is_damaged(file):
+            raise bad("the file is damaged: its digest does not fit")
+        # times as numbers, whatever unit the file names
+        with xr.open_dataset(file, engine="netcdf4", decode_times=False, decode_timedelta=False) as dataset:
+            columns = {str(name): np.asarray(v.values, dtype=float) for name, v in dataset.data_vars.items()}
+            if "time" in dataset.coords:
+                columns = {"time": np.asarray(dataset["time"].values, dtype=float), **columns}
+    except InputError:
+        raise
+    except Exception as error:  # the library of a damaged file raises many kinds
+        raise bad(f"cannot be read ({' '.join(str(error).split())[:200]})") from None
+    if len({column.shape for column in columns.values()}) != 1 or next(iter(columns.values())).ndim != 1:
+        raise bad("its variables are no columns of one length")
+    return columns

@@ -4,6 +4,22 @@ A row says how an output is called, its unit and meaning, its numbers, and how i
 (``signals``): by a linear function, or as the integral of the output before it over time. What is neither is written by
 the kernels (``kernels.outputs.WRITTEN``). Variables, the record of the run that Python and C march, arrays over a
 window, results and derivatives follow from the rows, in their order.
+
+Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
+an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
+
+=============  ====================================  ===============================================================
+event          state at t_(j-1), at t_j              instant, kept inside the time step
+=============  ====================================  ===============================================================
+touch          no point in contact, some             t_(j-1) + min over the points in contact at t_j of g / v
+separation     some point in contact, none           t_(j-1) + N / (-dN/dt)
+slip           some point in contact sticks, none    t_(j-1) + (q_j - q) / (dq/dt), q = |T| / N
+=============  ====================================  ===============================================================
+
+g is the gap at a point and v the speed at which it closes; N and T are the normal and the tangential resultant, and q_j
+is on the friction cone. Values without index are those at t_(j-1), rates of N and q those over the time step before it.
+Each instant is where a straight line reaches the state that the event begins: its error is of second order in the time
+step where g, N or q are smooth before the event. Where the line does not reach it the instant is t_j.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from ..latin.outcome import Array, InterfaceHistory
 from ..machine import package_version
 from ..scene.schema import Scene
 from .communication import CommunicationRun
-from .engine import STEP, Engine, Step
+from .engine import STEP, Engine
 from .handed_run import ABOUT_TO, HandedRun
 from .loads import GivenLoads
 from .output_table import AT_POINTS
@@ -74,7 +74,8 @@ class SceneEngine:
         most = 1 if records and self._reads_fields else run.steps
         handed = HandedRun(run, table, self._tell, most, whole=True)
         self._known = {}
-        self.engine = Engine(handed, len(run.sources.inputs), int(run.image.run[0]["n_output"]))
+        sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
+        self.engine = Engine(handed, *sizes, run.run.at_work if run.run.several else None)
         self._record = None
         if self._settings.prescribed:
             self._record = WholeRecord(run)
@@ -121,19 +122,12 @@ class SceneEngine:
         histories, names = dict[int, tuple[Array, Array]](), self.run.sources.inputs
         if self._settings.prescribed:
             histories = {names.index(name): history for name, history in loads.histories.items()}
-        with self.run.run.at_work():
-            engine.initialize(t0, loads.given(), histories)
+        engine.initialize(t0, loads.given(), histories)
 
-    def step(self, t: float, h: float, early: bool, given: Array) -> Step:
-        """Make a communication step, see ``Engine.step``."""
-        assert self.engine is not None
-        assert self.run is not None
+    def begin_step(self) -> None:
+        """Before a communication step that is recorded."""
         if self._record is not None and not self._settings.prescribed:
             self._record.begin()
-        if not self.run.run.several:
-            return self.engine.step(t, h, early, given)
-        with self.run.run.at_work():
-            return self.engine.step(t, h, early, given)
 
     def restore(self, state: bytes, loads: GivenLoads) -> Engine:
         """Restore a state, and the loads that were set then.
@@ -144,7 +138,7 @@ class SceneEngine:
             of prescribed mode that do not converge.
         """
         engine = self.ready(loads.starts()) if self.engine is None else self.engine
-        self._restore(engine, state)
+        engine.restore(state)
         given, first = engine.inputs()
         known = GivenLoads(self._scene)
         known.take(first, first, engine.histories())
@@ -152,14 +146,9 @@ class SceneEngine:
         if engine.phase == STEP and self.ready(starts) is not engine:  # it was made for another start
             assert self.engine is not None
             engine = self.engine
-            self._restore(engine, state)
+            engine.restore(state)
         loads.take(given, first, engine.histories())
         return engine
-
-    def _restore(self, engine: Engine, state: bytes) -> None:
-        assert self.run is not None
-        with self.run.run.at_work():
-            engine.restore(state)
 
     def _tell(self, what: int, made: int, n: int, whole: int) -> None:
         """Called by the engine before (ABOUT_TO) and after it has called the kernels."""

@@ -110,8 +110,8 @@ class Session:
 
         Raises
         ------
-        InputError : the scene cannot be built. SolverError : an input is not finite; prescribed mode, no convergence;
-            a matrix is singular, numbers overflow.
+        InputError : the scene cannot be built, an input is not finite, a choice is none. SolverError : prescribed mode,
+            no convergence; a matrix is singular, numbers overflow.
         """
         self.started = False
         self._loads.begin()
@@ -123,7 +123,7 @@ class Session:
         """Advance from t by h, s, with the loads set before. A step that is refused changes nothing; one below 1e-9 of
         the time step, or below the last digit of t, moves the clock alone.
 
-        early : end the step with the first time step in which there is a contact event (``cosim.outputs``).
+        early : end the step with the first time step in which there is a contact event (``cosim.output_table``).
         """
         engine = self._solver.engine
         if engine is None or not self.started:
@@ -131,7 +131,9 @@ class Session:
         keeps = self.settings.keep
         # before the step, which accepts what they follow from
         rates = self._solver.rates(self._loads) if keeps else {}
-        status, message, end, n = self._solver.step(float(t), float(h), early, self._loads.given())
+        if keeps:
+            self._solver.begin_step()
+        status, message, end, n = engine.step(float(t), float(h), early, self._loads.given())
         if status > WARNING:
             return refused(message, again=status == DISCARD)
         self.time, self.row = end, engine.row
@@ -236,9 +238,8 @@ class Session:
         """
         del check
         n = len(_MAGIC)
-        if blob[:n] != _MAGIC:
-            raise InputError([Problem("state", "it does not begin as a state of a session does")], "unusable state")
-        identity, state = blob[n : n + 32].decode(errors="replace").strip(), blob[n + 32 :]
+        state = blob[n + 32 :] if blob[:n] == _MAGIC else blob  # what is no state is refused by the engine
+        identity = blob[n : n + 32].decode(errors="replace").strip()
         with computable():
             engine = self._solver.restore(state, self._loads)
         self.time, self._t0 = engine.times()

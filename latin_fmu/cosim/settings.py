@@ -52,14 +52,11 @@ class Settings:
         return scene.time.time_step if self.time_step is None else self.time_step
 
     def problems(self) -> list[Problem]:
-        """Problems of the settings that are out of range."""
-        modes, rules = "0 (windowed) or 1 (prescribed)", "0 (hold), 1 (rate), 2 (line), 3 (causal line)"
+        """Problems of the settings that are out of range; mode and interpolation are looked at by the runtime."""
         tolerance, n, span = self.tolerance, self.max_iterations, ("must be a time span", "a finite number > 0")
         # round-off of doubles ends no iteration below it
         in_range = tolerance is None or 1e-14 <= tolerance < 1.0
         checks = (
-            ("mode", self.mode, self.mode in (WINDOWED, PRESCRIBED), "no such mode", modes),
-            ("inputInterpolation", self.interpolation, self.interpolation in range(CAUSAL + 1), "no such rule", rules),
             ("timeStep", self.time_step, _is_span(self.time_step), *span),
             ("endTime", self.end_time, _is_span(self.end_time), *span),
             ("tolerance", tolerance, in_range, "out of range", "1e-14 <= tolerance < 1"),

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..api import computable
+from ..errors import SolverError
 from ..kernels.communication import FREE
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .communication import CommunicationRun
-from .input_table import with_laws
+from .input_table import given_of, with_laws
 
 
 class StartedRun:
@@ -35,9 +37,15 @@ class StartedRun:
 
         Raises
         ------
-        SceneError : the scene cannot be built.
+        SceneError : the scene cannot be built. SolverError : numbers overflow, a matrix is singular.
         """
-        if self.run is None or any(starts[name] != self.starts[name] for name in _held(self.run)):
+        if self.run is None:
+            try:
+                return self.made_for(starts)
+            except SolverError:  # amplitudes that overflow matter at the start only where it depends on them
+                self.made_for({source.name: source.start for source in given_of(self._scene)})
+        assert self.run is not None
+        if any(starts[name] != self.starts[name] for name in _held(self.run)):
             return self.made_for(starts)
         return self.run
 
@@ -46,7 +54,8 @@ class StartedRun:
         self.forget()
         laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
         scene = with_laws(self._scene, laws) if laws else self._scene
-        self.run, self.starts = CommunicationRun(scene, self._tolerance, python=True), dict(starts)
+        with computable():
+            self.run, self.starts = CommunicationRun(scene, self._tolerance, python=True), dict(starts)
         return self.run
 
     def forget(self) -> None:

@@ -208,7 +208,7 @@ def status_at(pools: Any, row: int, g: int, p: int) -> int:
     return int(contact_status(group.law, traction, parameters, run.no_contact))
 
 
-# -- contact events (``cosim.outputs``) -----------------------------------------------------------------------------
+# -- contact events (``cosim.output_table``) ------------------------------------------------------------------------
 @kernel
 def set_ratios(pools: Any, row: int) -> None:
     """|T| / N of the interfaces at the instant of a row, 0 without pressure."""

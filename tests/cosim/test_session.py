@@ -223,8 +223,32 @@ def test_prescribed_without_convergence_raises():
 
 def test_settings_out_of_range_are_listed():
     with pytest.raises(InputError) as caught:
-        Session(blocks(), Settings(mode=7, interpolation=9, time_step=-1.0, end_time=math.nan, tolerance=0.0))
-    assert len(caught.value.problems) == 5
+        Session(blocks(), Settings(time_step=-1.0, end_time=math.nan, tolerance=0.0))
+    assert len(caught.value.problems) == 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [(Settings(mode=7), "mode: no such choice"), (Settings(interpolation=9), "inputInterpolation: no such choice")],
+)
+def test_choices_that_are_none_are_refused_at_the_start(settings, words):
+    session = Session(blocks(), settings)
+    with pytest.raises(InputError, match=words):
+        session.initialize()
+    assert not session.step(0.0, H)
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "words"),
+    [
+        ([0.0, 1.0], [0.0], "lists of one length"),
+        ([0.0, math.nan], [0.0, 1.0], "row 2 is not a pair of finite numbers"),
+        ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "the times must increase strictly; row 3"),
+    ],
+)
+def test_histories_that_cannot_be_are_refused(times, values, words):
+    with pytest.raises(InputError, match=words):
+        Session(blocks(), Settings(mode=1)).set_history("press", times, values)
 
 
 def test_unknown_names():

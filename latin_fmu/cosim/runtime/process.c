@@ -64,33 +64,16 @@ static void give(Instance *c, const double *given)
 /* Value and rate of each input, for the state. */
 EXPORT void latin_fmu_give(Instance *c, const double *given) { give(c, given); }
 
+/* Discard where what is set cannot be. */
 EXPORT int latin_fmu_initialize(Instance *c, double start, const double *given, double *outputs)
 {
     struct Object *o = c->fmu;
     give(c, given);
     c->time = o->start = start;
-    c->phase = FAILED; /* stays where the next line fails */
+    c->phase = FAILED; /* stays where the next lines fail */
+    if (!can_start(c)) return DISCARD;
     int status = initialize(c);
     if (status == OK) c->phase = STEP;
-    memcpy(outputs, o->now, 8 * (size_t)o->image->n_output);
-    return status;
-}
-
-/* One communication step from t to t + h, s; with early up to the end of the time step with the first contact event. Writes
-   where it ended and its time steps (-1: it moved the clock alone) into end, and the outputs there. */
-EXPORT int latin_fmu_step(Instance *c, double t, double h, int early, const double *given, double *end, double *outputs)
-{
-    struct Object *o = c->fmu;
-    size_t n_input = (size_t)table_of(c)[T_N_INPUT].i;
-    double *before = o->refused + 2; /* nothing else is kept there: a refused step leaves no mark here */
-    memcpy(before, o->given, 16 * n_input);
-    give(c, given);
-    c->early = early;
-    int status = advanced(c, t, h);
-    if (status != OK) memcpy(o->given, before, 16 * n_input);
-    memset(before, 0, 16 * n_input); /* equal runs have equal states */
-    end[0] = c->time;
-    end[1] = (double)o->ended;
     memcpy(outputs, o->now, 8 * (size_t)o->image->n_output);
     return status;
 }

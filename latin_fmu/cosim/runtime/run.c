@@ -318,7 +318,7 @@ static int in_range(const Instance *c, int header, const char *what, double most
     return 0;
 }
 
-static int can_start(const Instance *c)
+int can_start(const Instance *c)
 {
     const struct Object *o = c->fmu;
     int bad = not_finite(c);
@@ -466,7 +466,8 @@ int initialize(Instance *c)
     status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c)
                                                        : present(c, (int64_t)parameter(c, T_RULE, CAUSAL), 0);
     o->opened = status == OK;
-    if (o->opened && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
+    /* Python has said so of the scene */
+    if (o->opened && o->maker == NULL && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
         msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "
             "scene with a load, an initial velocity or a driven boundary");
     return status;
@@ -676,7 +677,7 @@ static int marched(Instance *c, double t, double h)
     return refused_by_kernels(c, result, o->start + (double)(begun + made + 1) * image->dt, DISCARD);
 }
 
-int advanced(Instance *c, double t, double h)
+static int advanced(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     double dt = o->image->dt;
@@ -715,7 +716,26 @@ int step(Instance *c, double t, double h)
     return OK;
 }
 
-/* -- functions that a compiled FMU does not have -------------------------------------------------------------------- */
+/* A step of a process that made the image itself: one communication step from t to t + h, s; with early up to the end of the time step with the first contact event. Writes
+   where it ended and its time steps (-1: it moved the clock alone) into end, and the outputs there. */
+EXPORT int latin_fmu_step(Instance *c, double t, double h, int early, const double *given, double *end, double *outputs)
+{
+    struct Object *o = c->fmu;
+    size_t n_input = (size_t)table_of(c)[T_N_INPUT].i;
+    double *before = o->refused + 2; /* nothing else is kept there: a refused step leaves no mark here */
+    memcpy(before, o->given, 16 * n_input);
+    memcpy(o->given, given, 16 * n_input);
+    c->early = early;
+    int status = advanced(c, t, h);
+    if (status != OK) memcpy(o->given, before, 16 * n_input);
+    memset(before, 0, 16 * n_input); /* equal runs have equal states */
+    end[0] = c->time;
+    end[1] = (double)o->ended;
+    memcpy(outputs, o->now, 8 * (size_t)o->image->n_output);
+    return status;
+}
+
+/* -- functions that co-simulation does not have -------------------------------------------------------------------- */
 int set_time(Instance *c, double t) { return (void)t, unsupported(c, "fmi3SetTime"); }
 
 int read_vector(Instance *c, const char *method, double *values, size_t size)

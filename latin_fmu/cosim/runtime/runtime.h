@@ -162,6 +162,7 @@ struct Object {
 int make_image(Instance *, const double *numbers, const double *starts);
 int filled_from_files(Instance *, const char *token, const char *resources);
 void free_maker(struct Object *);
+char *table_of_file(Instance *, const char *path); /* a file as a text of rows, freed by free; NULL after a message */
 #endif
 int made_for_now(Instance *); /* the same for what is set; OK where the image is there from the beginning */
 
@@ -184,10 +185,10 @@ double history_at(const History *, double t);
 int not_finite(const Instance *);
 
 /* run.c */
+int can_start(const Instance *); /* with what is set; else after a message */
 int filled(Instance *, const Image *); /* a new object for an image; 0 after a message */
 int take_image(Instance *, const Image *); /* in the place of the one that is there; 0 after a message */
 int renewed(Instance *);
-int advanced(Instance *, double t, double h);
 int has_arrays(const Instance *);
 int64_t rows_with_fields(const Instance *, int64_t n_row); /* how many of the last rows have fields of the points */
 int64_t size_of_fields(const Instance *);

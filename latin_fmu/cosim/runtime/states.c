@@ -308,6 +308,8 @@ static const char *wrong_number(const Instance *c, const Word *words)
         if (variable(c, r)[V_KIND].i == STRING) {
             const char *text = (const char *)at, *end = memchr(text, 0, 8 * (size_t)(lengths[r].i / 8 + 1));
             if (end != text + lengths[r].i) return "a text in it has another length than stated";
+            for (; end < text + 8 * (lengths[r].i / 8 + 1); end++) /* zeros to the end of its last word */
+                if (*end != 0) return "a text in it has another length than stated";
             at += lengths[r].i / 8 + 1;
         }
     lengths += n_variable;

@@ -307,17 +307,26 @@ double history_at(const History *h, double t)
     return h->value[low] + slope * (t - h->t[low]);
 }
 
+/* Writes what is wrong with a history, rows counted from 1; whether anything is. */
+EXPORT int latin_fmu_wrong_history(int64_t n, const double *t, const double *values, char *text, size_t size)
+{
+    for (int64_t i = 0; i < n; i++) {
+        long long row = (long long)i + 1;
+        if (!isfinite(t[i]) || !isfinite(values[i]))
+            return snprintf(text, size, "row %lld is not a pair of finite numbers", row), 1;
+        if (i > 0 && !(t[i] > t[i - 1]))
+            return snprintf(text, size, "the times must increase strictly; row %lld has %g s after %g s", row, t[i], t[i - 1]), 1;
+    }
+    return 0;
+}
+
 int keep_history(Instance *c, int64_t input, int64_t n, const double *t, const double *values, const char *where)
 {
     History *h = c->fmu->histories + input;
     const char *own = input_name(c, input, IN_VALUE);
-    for (int64_t i = 0; i < n; i++) {
-        if (!isfinite(t[i]) || !isfinite(values[i]))
-            return msg(c, ERROR, "%s: row %lld of %s is not a pair of finite numbers", where, (long long)i + 1, own);
-        if (i > 0 && !(t[i] > t[i - 1]))
-            return msg(c, ERROR, "%s: the times must increase strictly; row %lld has %g s after %g s", where,
-                       (long long)i + 1, t[i], t[i - 1]);
-    }
+    char text[200];
+    if (latin_fmu_wrong_history(n, t, values, text, sizeof text))
+        return msg(c, ERROR, "%s: %s: %s", where, own, text);
     double *block = malloc((size_t)(2 * n + 1) * sizeof *block);
     if (block == NULL) return msg(c, ERROR, "no memory for the history of %s", own);
     free(h->t);
@@ -433,7 +442,15 @@ static int set_from_arrays(Instance *c)
     return status;
 }
 
-/* historyFile is the path of a CSV file, or the table itself: a text of rows. */
+#if defined(LATIN_FMU_MAKES)
+static int is_netcdf(const char *path)
+{
+    const char *suffix = strrchr(path, '.');
+    return suffix != NULL && (strcmp(suffix, ".nc") == 0 || strcmp(suffix, ".nc4") == 0 || strcmp(suffix, ".cdf") == 0);
+}
+#endif
+
+/* historyFile is the path of a CSV file, or the table itself: a text of rows; where there is Python also of a netCDF file. */
 int set_histories(Instance *c)
 {
     struct Object *o = c->fmu;
@@ -448,6 +465,13 @@ int set_histories(Instance *c)
     }
     if (strpbrk(text, ";\r\n") != NULL)
         status = set_from_text(c, text, "historyFile, the table itself");
+#if defined(LATIN_FMU_MAKES)
+    else if (is_netcdf(text)) {
+        char *rows = table_of_file(c, text);
+        status = rows ? set_from_text(c, rows, text) : ERROR;
+        free(rows);
+    }
+#endif
     else if (*text) {
         size_t length = 0;
         char *content = content_of(text, &length);
