@@ -58,7 +58,7 @@ C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "
 FUNCTIONS: Final = frozenset(
     [
         *("__ctype_b_loc", "__ctype_tolower_loc", "bcmp", "calloc", "fclose", "floor", "fopen"),
-        *("fread", "fseek", "ftell", "fwrite", "localeconv", "memchr", "memcmp"),
+        *("__xstat", "fread", "fseek", "ftell", "fwrite", "localeconv", "memchr", "memcmp", "stat"),
         *("realloc", "remove", "rename", "rint", "sched_yield", "snprintf", "strchr"),
         *("strcmp", "strcpy", "strcspn", "strlen", "strncmp", "strpbrk", "strspn"),
         *("strtod", "vsnprintf"),

@@ -110,7 +110,8 @@ class Engine:
         else:
             with self._at_work():
                 status = int(function(self._handle, *arguments))
-        self._handed.check()
+        if status > WARNING or self._handed.raised:
+            self._handed.check()
         return status
 
     def _of_fmi(self, name: str, *arguments: Any) -> int:

@@ -44,6 +44,8 @@ class Process(Structure):
         ("tell", c_void_p),
         ("trouble", c_char_p),
         ("whole", c_int64),
+        ("always", c_int64),
+        ("answered", c_void_p),
     ]
 
 
@@ -81,13 +83,13 @@ class HandedRun:
     Parameters
     ----------
     run : nothing but the runtime may change its image as long as this lives. table : of its variables
-        (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers, or None; what it raises
-        ends the step. A method of an object that is not kept alive. most : time steps of a call of the kernels. whole :
-        whether the fields of the points are kept at all instants of a step.
+        (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers, around each call of the
+        kernels, or None; what it raises ends the step. A method of an object that is not kept alive. most : time steps
+        of a call of the kernels. whole : whether the fields of the points are kept at all instants of a step.
 
     Attributes
     ----------
-    process : what C is given.
+    process : what C is given. raised : whether a call back has raised something.
     """
 
     def __init__(
@@ -97,11 +99,14 @@ class HandedRun:
         run.image.write()
         self._raised: BaseException | None = None
         self._method = None if tell is None else weakref.WeakMethod(tell)
-        this = weakref.ref(self)
+        self._answered = np.ones(1, dtype=np.int64)
+        this, answered = weakref.ref(self), self._answered
 
         def called(what: int, a: int, b: int, c: int) -> int:
             handed = this()
-            return 1 if handed is None else handed._called(what, a, b, c)
+            stops = 1 if handed is None else handed._called(what, a, b, c)
+            answered[0] = 1  # C has set 0, for a signal that ends this function before here
+            return stops
 
         self._tell, self._entry = _TELL(called), _kernels()
         self._words = np.frombuffer(table, dtype=np.uint64).copy()
@@ -110,8 +115,7 @@ class HandedRun:
             self._head[1 + WORDS.index("most_steps")] = most  # behind the magic number
         self._trouble = ctypes.create_string_buffer(_LONGEST)
         image = run.image
-        # Python takes part where laws are tabulated, functions are called, or someone records
-        takes_part = tell is not None or run.sources.end >= 0 or bool(image.run[0]["callout"])
+        self.raised = False
         self.process = Process(
             address(self._words),
             len(self._words),
@@ -120,33 +124,44 @@ class HandedRun:
             address(image.fixed),
             address(image.moving),
             ctypes.cast(self._entry, c_void_p),
-            ctypes.cast(self._tell, c_void_p) if takes_part else None,
+            ctypes.cast(self._tell, c_void_p),
             ctypes.cast(self._trouble, c_char_p),
             int(whole),
+            int(tell is not None or bool(image.run[0]["callout"])),
+            address(self._answered),
         )
 
     def _called(self, what: int, a: int, b: int, c: int) -> int:
         """Called by C; not 0: the step is stopped."""
-        image = self._run.image
-        if self._raised is not None:
-            return 1
         try:
             if what == WORKS_ON:
-                image.work_on(np.ctypeslib.as_array((ctypes.c_double * b).from_address(a)))
-                return 0
-            if what == ABOUT_TO:
-                self._tabulate(a, b)
+                self._work_on(a, b)
             else:
-                image.callouts.check()
-            method = None if self._method is None else self._method()
-            if method is not None:
-                method(what, a, b, c)
+                self._raised, self.raised = None, False  # of a step before
+                self._take_part(what, a, b, c)
         except BaseException as error:  # of any kind, an interruption among them: no exception passes through C
-            self._raised = error
+            self._raised, self.raised = self._raised or error, True
             text = f"{type(error).__name__}: {error}".encode(errors="replace")
             self._trouble.value = text[: _LONGEST - 1]
-            return 1
-        return 0
+        return int(self.raised)
+
+    def _work_on(self, a: int, b: int) -> None:
+        """The kernels go on in the moving block of b numbers at the address a."""
+        image = self._run.image
+        try:
+            image.callouts.check()  # of what was done in the block before
+        finally:
+            image.work_on(np.ctypeslib.as_array((ctypes.c_double * b).from_address(a)))
+
+    def _take_part(self, what: int, a: int, b: int, c: int) -> None:
+        """Before and after a call of the kernels."""
+        if what == ABOUT_TO:
+            self._tabulate(a, b)
+        else:
+            self._run.image.callouts.check()
+        method = None if self._method is None else self._method()
+        if method is not None:
+            method(what, a, b, c)
 
     def _tabulate(self, made: int, n: int) -> None:
         """Let the table of the laws of the scene hold the next n time steps, beyond the end of the scene too."""
@@ -164,7 +179,9 @@ class HandedRun:
 
     def check(self) -> None:
         """Raise what a call back has raised."""
-        if self._raised is not None:
-            raised, self._raised = self._raised, None
+        if self._raised is not None or not self._answered[0]:
+            # without an error a signal came before the first line of the function that was called
+            raised, self._raised, self.raised = self._raised or KeyboardInterrupt(), None, False
+            self._answered[0] = 1
             raise raised
         self._run.image.callouts.check()

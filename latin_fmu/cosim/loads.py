@@ -44,7 +44,8 @@ class GivenLoads:
 
     Attributes
     ----------
-    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load.
+    value, rate : amplitude at the start of the next step and its rate (1/s), by load. given : (n, 2) both, in the order
+    of the loads. histories : by load.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -55,6 +56,7 @@ class GivenLoads:
         """Set every load to its start value; remove the histories."""
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
+        self._set_given()
         self._initial = dict(self._start)  # values when the simulation began
         self.histories: Histories = {}
 
@@ -67,6 +69,7 @@ class GivenLoads:
         """Set value and rate. Raises InputError for a load that is not set from outside."""
         self._check(name)
         self.value[name], self.rate[name] = float(value), float(rate)
+        self._set_given()
 
     def get(self, name: str) -> tuple[float, float]:
         """Value and rate that were set. Raises InputError for a load that is not set from outside."""
@@ -84,9 +87,8 @@ class GivenLoads:
             allowed = ", ".join(self._start) or 'none: give a load, a driven face or the ground law = "input"'
             raise InputError([Problem(variable_of(name), "not set from outside", None, allowed)])
 
-    def given(self) -> Array:
-        """Values and rates that are set, (n, 2), in the order of the loads."""
-        return np.array([[*self.value.values()], [*self.rate.values()]]).T.copy()
+    def _set_given(self) -> None:
+        self.given: Array = np.array([[*self.value.values()], [*self.rate.values()]]).T.copy()
 
     def begin(self) -> None:
         """Start a simulation with the present values."""
@@ -108,6 +110,7 @@ class GivenLoads:
         number."""
         names = self.names
         self.value, self.rate = (dict(zip(names, column.tolist(), strict=True)) for column in given.T)
+        self._set_given()
         self._initial = dict(zip(names, first[:, 0].tolist(), strict=True))
         self.histories = {names[i]: history for i, history in histories.items()}
 

@@ -72,7 +72,7 @@ class SceneEngine:
         )
         records = self._settings.keep or self._settings.prescribed
         most = 1 if records and self._reads_fields else run.steps
-        handed = HandedRun(run, table, self._tell, most, whole=True)
+        handed = HandedRun(run, table, self._tell if records else None, most, whole=True)
         self._known = {}
         sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
         self.engine = Engine(handed, *sizes, run.run.at_work if run.run.several else None)
@@ -122,7 +122,7 @@ class SceneEngine:
         histories, names = dict[int, tuple[Array, Array]](), self.run.sources.inputs
         if self._settings.prescribed:
             histories = {names.index(name): history for name, history in loads.histories.items()}
-        engine.initialize(t0, loads.given(), histories)
+        engine.initialize(t0, loads.given, histories)
 
     def begin_step(self) -> None:
         """Before a communication step that is recorded."""
@@ -170,7 +170,7 @@ class SceneEngine:
         that of the causal line."""
         assert self.run is not None
         image, names = self.run.image, self.run.sources.inputs
-        rates, given = np.zeros(len(names)), loads.given().T.copy()
+        rates, given = np.zeros(len(names)), loads.given.T.copy()
         memory = image.field("inputs", inputs.N_MEMORY, len(names)).reshape(-1)
         span, kinds = float(image.field("progress", 9)[3]), np.array(self.run.sources.kinds, dtype=np.int64)
         inputs.rates(given[0], given[1], memory, kinds, span, self._settings.interpolation, rates)

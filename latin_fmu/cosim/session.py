@@ -133,7 +133,7 @@ class Session:
         rates = self._solver.rates(self._loads) if keeps else {}
         if keeps:
             self._solver.begin_step()
-        status, message, end, n = engine.step(float(t), float(h), early, self._loads.given())
+        status, message, end, n = engine.step(float(t), float(h), early, self._loads.given)
         if status > WARNING:
             return refused(message, again=status == DISCARD)
         self.time, self.row = end, engine.row
@@ -225,7 +225,7 @@ class Session:
         with computable():
             engine = self._solver.ready(self._loads.starts()) if not self.started else self._solver.engine
         assert engine is not None
-        return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.given())
+        return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.given)
 
     def restore(self, blob: bytes, check: bool = True) -> None:
         """Restore a snapshot of this or another session of the same scene and settings; ``check`` has no effect: what

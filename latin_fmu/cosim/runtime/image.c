@@ -2,6 +2,7 @@
 #include "runtime.h"
 
 #include <stdio.h>
+#include <sys/stat.h>
 
 #ifdef _WIN32
 #define WIN32_LEAN_AND_MEAN
@@ -76,6 +77,19 @@ void removed_file(const char *path)
     if (wide_of(path, wide)) _wremove(wide);
 #else
     remove(path);
+#endif
+}
+
+/* Whether a path is that of something that is no regular file: a pipe, a folder, a device, which reading may never end. */
+int is_irregular(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[LONGEST];
+    struct _stat64 facts;
+    return wide_of(path, wide) && _wstat64(wide, &facts) == 0 && (facts.st_mode & _S_IFMT) != _S_IFREG;
+#else
+    struct stat facts;
+    return stat(path, &facts) == 0 && !S_ISREG(facts.st_mode);
 #endif
 }
 

@@ -67,6 +67,8 @@ typedef struct {
     int64_t (*tell)(int64_t what, int64_t a, int64_t b, int64_t c);
     const char *trouble; /* why tell has stopped a step */
     int64_t whole;       /* whether fields of the points are kept at all instants of a step */
+    int64_t always;      /* whether tell is called before and after each call of the kernels */
+    int64_t *answered;   /* set by tell; else a signal has ended it before its first line, and the step is stopped */
 } Process;
 /* ABOUT_TO: make b time steps, after a since the start, of a communication step of c; HAVE_MADE: b of those that were wanted,
    behind a of c; WORKS_ON: the kernels work on the moving block at address a, of b numbers, until the next one. */
@@ -99,6 +101,7 @@ char *joined(const char *folder, const char *name);
 FILE *file_at(const char *path, const char *how);
 int moved_file(const char *from, const char *to); /* over the file that is there */
 void removed_file(const char *path);
+int is_irregular(const char *path);
 char *content_of(const char *path, size_t *length); /* zero bytes behind it; freed by aligned_free */
 void *aligned(size_t bytes);
 void aligned_free(void *);

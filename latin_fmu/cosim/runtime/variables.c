@@ -465,6 +465,8 @@ int set_histories(Instance *c)
     }
     if (strpbrk(text, ";\r\n") != NULL)
         status = set_from_text(c, text, "historyFile, the table itself");
+    else if (*text && is_irregular(text))
+        status = msg(c, ERROR, "%.500s: not a regular file", text);
 #if defined(LATIN_FMU_MAKES)
     else if (is_netcdf(text)) {
         char *rows = table_of_file(c, text);
