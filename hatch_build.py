@@ -69,10 +69,11 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
         self.app.display_info(f"compiling the kernels for {', '.join(targets)}: one to two minutes")
         compile_kernels(root, targets)
         for target in targets:
-            library = root / "build" / bridge.file_name(target)
-            if not library.is_file():
-                bridge.compiled(target, root / "build", bridge.zig(target))
-            build_data["force_include"][str(library)] = f"fmu_build/bridge/{library.name}"
+            for kind in bridge.KINDS:
+                library = root / "build" / bridge.file_name(target, kind)
+                if not library.is_file():
+                    bridge.compiled(target, kind, root / "build", bridge.zig(target))
+                build_data["force_include"][str(library)] = f"fmu_build/bridge/{library.name}"
             build_data["force_include"][str(root / "build" / file_name(target))] = f"latin_fmu/{file_name(target)}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{TAGS[targets[0]]}"

@@ -57,7 +57,43 @@ class Messages:
         return self._status()
 
 
-class KeptStates(Messages):
+class Opened(Messages):
+    """An FMU whose files and packages are those that it needs.
+
+    Parameters
+    ----------
+    resources : folder of the extracted FMU. name : of the instance. token : given by the host, from the model
+        description.
+
+    Attributes
+    ----------
+    needed : packages the host must have, with their least versions.
+
+    Raises
+    ------
+    ImportError : a package is missing or too old. ValueError : a file of the FMU, or the token, is another one.
+    """
+
+    needed: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, resources: str, name: str, token: str) -> None:
+        del name
+        super().__init__()
+        self.folder = os.path.normpath(resources)
+        self.package = __name__.partition(".")[0]
+        check_contents(Path(self.folder), token)
+        relocate(self.package, self.folder)
+        check_packages(self.needed)
+        self._array = importlib.import_module("numpy").frombuffer
+
+    def _module(self, name: str) -> Any:
+        return importlib.import_module(f"{self.package}.latin_fmu.{name}")
+
+    def _content(self, name: str) -> bytes:
+        return Path(self.folder, name).read_bytes()
+
+
+class KeptStates(Opened):
     """States of an instance: the host holds a handle, the bytes are kept here.
 
     Attributes
@@ -69,9 +105,8 @@ class KeptStates(Messages):
     handles: ClassVar[Any] = itertools.count(secrets.randbits(40) + 1)  # of another FMU or run: none of these
     fmi_instance: Any
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._array = importlib.import_module("numpy").frombuffer
+    def __init__(self, resources: str, name: str, token: str) -> None:
+        super().__init__(resources, name, token)
         self._own_states: set[int] = set()
 
     def close(self) -> int:
@@ -140,43 +175,29 @@ class KeptStates(Messages):
         return self._status()
 
 
-class Adapter(KeptStates):
-    """Base of the adapters: life cycle and numbers.
+class ModelExchangeAdapter(KeptStates):
+    """Adapter to a ``ReducedModelInstance`` of ``latin_fmu.model_exchange``.
 
     Parameters
     ----------
-    resources : folder of the extracted FMU. name : of the instance. token : given by the host, from the model
-        description.
+    resources, name, token : as for ``Opened``.
 
     Attributes
     ----------
-    needed : packages the host must have, with their least versions. fmi_instance : takes the calls.
-
-    Raises
-    ------
-    ImportError : a package is missing or too old. ValueError : a file of the FMU, or the token, is another one.
+    fmi_instance : takes the calls.
     """
 
-    needed: ClassVar[Mapping[str, str]] = {}
+    needed: ClassVar[Mapping[str, str]] = {"numpy": "2.0", "pydantic": "2.10"}
 
     def __init__(self, resources: str, name: str, token: str) -> None:
-        del name
-        self.folder = os.path.normpath(resources)
-        self.package = __name__.partition(".")[0]
-        check_contents(Path(self.folder), token)
-        relocate(self.package, self.folder)
-        check_packages(self.needed)
-        super().__init__()
+        super().__init__(resources, name, token)
         self.fmi_instance = self._open()
 
     def _open(self) -> Any:
-        raise NotImplementedError
-
-    def _module(self, name: str) -> Any:
-        return importlib.import_module(f"{self.package}.latin_fmu.{name}")
-
-    def _content(self, name: str) -> bytes:
-        return Path(self.folder, name).read_bytes()
+        system = self._module("model_exchange.equations")
+        reduced = system.ReducedSystem.from_bytes(self._content("reduced.bin"))
+        names = system.Names.from_text(self._content("variables.json").decode())
+        return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self._log())
 
     def reset(self) -> int:
         """Return to the state after instantiation."""
@@ -184,10 +205,9 @@ class Adapter(KeptStates):
         self.fmi_instance = self._open()
         return self._status()
 
-    def setup(self, start_time: float, tolerance: float) -> int:
-        """Start time, s, and tolerance of the host, 0 where it gives none."""
-        self.fmi_instance.setup(start_time, tolerance or None)
-        return self._status()
+    def setup(self, _start_time: float, _tolerance: float) -> int:
+        """Start time and tolerance have no effect on the equations."""
+        return OK
 
     def initialize(self) -> int:
         """End the initialization."""
@@ -213,9 +233,9 @@ class Adapter(KeptStates):
         return self._status() if self._messages else OK
 
     def set_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Set variables by value reference."""
-        self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
-        return self._status() if self._messages else OK
+        """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
+        done = self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
+        return self._status() & PENDING if done and self.fmi_instance.variables.fixed else self._status()
 
     def directional_derivative(
         self, _unknowns: memoryview, _knowns: memoryview, _seed: memoryview, _values: memoryview
@@ -230,99 +250,6 @@ class Adapter(KeptStates):
     def set_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
         """Set the strings of variables."""
         return self._refused("this FMU has no strings")
-
-
-class CoSimulationAdapter(Adapter):
-    """Adapter to a ``FmiInstance`` of ``latin_fmu.cosim``."""
-
-    needed: ClassVar[Mapping[str, str]] = {
-        "numpy": "2.0",
-        "scipy": "1.15",
-        "numba": "0.61",
-        "pydantic": "2.10",
-        "xarray": "2024.10",
-        "netCDF4": "1.7.2",
-        "threadpoolctl": "3.5",
-    }
-
-    def _open(self) -> Any:
-        table = self._module("cosim.variable").table_from(self._content("variables.json").decode())
-        scene = os.path.join(self.folder, "scene", "scene.toml")
-        reader = f"{self.package}.latin_fmu.reader"  # by name: the function below holds no adapter
-        instance = self._module("cosim.fmi_instance")
-        # states that leave the process are tied to the scene, and not to the program
-        digests = {path: digest for path, digest in json.loads(self._content(DIGESTS)).items() if "scene/" in path}
-        digest = hashlib.sha256(repr(digests).encode()).hexdigest()
-        return instance.FmiInstance(
-            table, lambda: importlib.import_module(reader).load_scene(scene), self._log(), digest
-        )
-
-    def reset(self) -> int:
-        """Return to the state after instantiation; operators are kept."""
-        self.fmi_instance.clear()
-        return self._status()
-
-    def directional_derivative(
-        self, unknowns: memoryview, knowns: memoryview, seed: memoryview, values: memoryview
-    ) -> int:
-        """Write the derivatives of scalar outputs at the end of the last step by inputs over it, times the seed."""
-        n, m = unknowns.nbytes // 4, knowns.nbytes // 4
-        if seed.nbytes != 8 * m or values.nbytes != 8 * n:
-            sizes = f"{seed.nbytes // 8} numbers for {m} inputs and {values.nbytes // 8} for {n} outputs"
-            return self._refused(f"directional derivative: the host gives {sizes}; scalars alone have derivatives")
-        places = self._array(unknowns, "u4").tolist(), self._array(knowns, "u4").tolist()
-        read = self.fmi_instance.directional_derivative(*places, self._array(seed).tolist())
-        if len(read) == n:
-            self._array(values)[:] = read
-        return self._status() if self._messages else OK
-
-    def step(self, current_time: float, step_size: float) -> int:
-        """Advance by one communication step."""
-        self.fmi_instance.step(current_time, step_size)
-        return self._status() if self._messages else OK
-
-    def step_early(self, current_time: float, step_size: float, end: memoryview) -> int:
-        """Advance by one communication step, which may end before its end; write where it ended, s."""
-        if self.fmi_instance.step(current_time, step_size, True):
-            self._array(end)[0] = self.fmi_instance.time
-        return self._status() if self._messages else OK
-
-    def terminate(self) -> int:
-        """End the simulation; the results file is written where one is named."""
-        self.fmi_instance.terminate()
-        return self._status()
-
-    def get_texts(self, references: memoryview, texts: list[bytes]) -> int:
-        """Append the strings of variables by value reference."""
-        texts += [text.encode() for text in self.fmi_instance.get_texts(self._array(references, "u4").tolist())]
-        return self._status()
-
-    def set_texts(self, references: memoryview, texts: list[bytes]) -> int:
-        """Set string variables by value reference."""
-        given = [text.decode(errors="surrogateescape") for text in texts]  # any bytes are a file name on some systems
-        self.fmi_instance.set_texts(self._array(references, "u4").tolist(), given)
-        return self._status()
-
-
-class ModelExchangeAdapter(Adapter):
-    """Adapter to a ``ReducedModelInstance`` of ``latin_fmu.model_exchange``."""
-
-    needed: ClassVar[Mapping[str, str]] = {"numpy": "2.0", "pydantic": "2.10"}
-
-    def _open(self) -> Any:
-        system = self._module("model_exchange.equations")
-        reduced = system.ReducedSystem.from_bytes(self._content("reduced.bin"))
-        names = system.Names.from_text(self._content("variables.json").decode())
-        return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self._log())
-
-    def setup(self, _start_time: float, _tolerance: float) -> int:
-        """Start time and tolerance have no effect on the equations."""
-        return OK
-
-    def set_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
-        done = self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
-        return self._status() & PENDING if done and self.fmi_instance.variables.fixed else self._status()
 
     def set_time(self, time: float) -> int:
         """Set the time of the next evaluations, s."""
@@ -368,6 +295,51 @@ class ModelExchangeAdapter(Adapter):
     def _write(self, target: memoryview, values: Any) -> int:
         self._array(target)[:] = values
         return self._status() & PENDING  # NaN stops an integrator; some ignore a status in its callbacks
+
+
+class CoSimulationAdapter(Opened):
+    """Adapter to the ``ImageMaker`` of ``latin_fmu.cosim``: all else of an FMU for co-simulation is in C."""
+
+    needed: ClassVar[Mapping[str, str]] = {
+        "numpy": "2.0",
+        "scipy": "1.15",
+        "numba": "0.61",
+        "pydantic": "2.10",
+        "xarray": "2024.10",
+        "netCDF4": "1.7.2",
+        "threadpoolctl": "3.5",
+    }
+
+    def __init__(self, resources: str, name: str, token: str) -> None:
+        super().__init__(resources, name, token)
+        scene, reader = os.path.join(self.folder, "scene", "scene.toml"), f"{self.package}.latin_fmu.reader"
+        log = self._log()
+        self._maker = self._module("cosim.image_maker").ImageMaker(
+            lambda: importlib.import_module(reader).load_scene(scene), lambda text: log(WARNING, text)
+        )
+
+    def make(self, numbers: memoryview, starts: memoryview, accuracy: float, address: memoryview) -> int:
+        """Write the address of the image for these values of the variables, and amplitudes of the inputs at the
+        start; ``accuracy`` : that the host wants, 0 where it says nothing."""
+        given = self._array(numbers).tolist(), accuracy, self._array(starts).tolist() if starts.nbytes else []
+        return self._done(lambda: self._array(address, "i8").__setitem__(0, self._maker.make(*given)))
+
+    def table_of_file(self, path: bytes, rows: list[bytes]) -> int:
+        """Append the histories in a netCDF file as a table of text."""
+        name = path.decode(errors="surrogateescape")
+        return self._done(lambda: rows.append(self._maker.history_table(name).encode()))
+
+    def _done(self, call: Callable[[], None]) -> int:
+        try:
+            call()
+        except self._module("errors").LatinError as error:
+            return self._refused(str(error))
+        return self._status()
+
+    def close(self) -> int:
+        """Free the images."""
+        self._maker.close()
+        return OK
 
 
 # -- checks at instantiation --------------------------------------------------------------------------------------

@@ -16,11 +16,10 @@ from typing import Literal
 
 import latin_fmu
 from latin_fmu.api import computable
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
-from latin_fmu.cosim.variable import Variable, table_text
-from latin_fmu.cosim.variables import table_of
+from latin_fmu.cosim import runtime
+from latin_fmu.cosim.variable import Variable
 from latin_fmu.errors import InputError, NeedsPythonError, Problem
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.mesh_files.formats import suffix_of
@@ -32,7 +31,7 @@ from latin_fmu.scene.schema import Scene
 
 from . import bridge
 from .adapter import DIGESTS, CoSimulationAdapter, ModelExchangeAdapter, token_of
-from .compiled import compiled_run, libraries
+from .compiled import compiled_run, hosted_run, libraries
 from .description import (
     NAME,
     Facts,
@@ -70,14 +69,14 @@ Linux distributions, python.org and conda do. No other variable is needed, neith
 _BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 
 
-def binaries(fmi: str, identifier: str) -> Files:
-    """Libraries of all platforms there are, under the name of the model.
+def binaries(fmi: str, identifier: str, kind: bridge.Kind) -> Files:
+    """Libraries of a kind of all platforms there are, under the name of the model.
 
     Raises ModuleNotFoundError with the command that installs what is missing.
     """
     return {
         f"binaries/{bridge.PLATFORMS[target][fmi]}/{identifier}{path.suffix}": path.read_bytes()
-        for target, path in sorted(bridge.libraries().items())
+        for target, path in sorted(bridge.libraries(kind).items())
         if fmi in bridge.PLATFORMS[target]
     }
 
@@ -90,6 +89,8 @@ def package_files() -> Files:
         inside = path.relative_to(solver)
         if inside.parts[0] not in _LEFT_OUT:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
+    # the library is recognised by them, and made of them where there is none for a machine
+    files |= {f"latin_fmu/cosim/runtime/{path.name}": path.read_bytes() for path in runtime.sources()}
     # not the portable library: on a processor without AVX2 numba compiles
     files |= {f"latin_fmu/{p.name}": p.read_bytes() for p in library.shipped() if not p.stem.endswith("-portable")}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
@@ -216,7 +217,7 @@ def build_fmu(
     ResultsError : the file cannot be written.
     """
     files = fmu_files(scene, fmi) if python else compiled_files(scene, fmi)
-    more = reference_of(scene, compiled=not python).files if extra is None else extra
+    more = reference_of(scene).files if extra is None else extra
     return write_archive(target, {**files, **more})
 
 
@@ -237,21 +238,19 @@ def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_p
     return write_archive(target, model_exchange_files(scene, n_mode, n_patch))
 
 
+@computable()
 def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     """Every file of the FMU for co-simulation, by path inside the archive."""
     scene = completed(scene)
-    problem = discretise(scene).build()  # raises where the scene cannot be built
-    n_point = {unit.name: unit.geometry.n_point for unit in problem.assembly.interfaces}
-    # FMI 2 has no arrays
-    table = table_of(scene, n_point if fmi == "3" else None)
-    _check_size(table, fmi)
+    run = hosted_run(scene, fmi)  # raises where the scene cannot be built
+    _check_size(run.table, fmi)
     inside = {f"scene/{path}": content for path, content in scene_files(scene).items()}
-    resources = {"variables.json": table_text(table).encode(), **inside}
+    resources = {"variables.bin": run.variables, "results.nc": run.results, **inside}
     scene_text = inside["scene/scene.toml"].decode()
     content = _Content(fmi, "CoSimulationAdapter", resources)
-    facts = _facts(scene, table, content.token)
+    facts = _facts(scene, run.table, content.token)
     return {
-        **content.files(facts),
+        **content.files(facts, "maker"),
         "modelDescription.xml": _description(facts, fmi),
         "documentation/index.html": documentation(facts, scene_text, f"{fmi}.0").encode(),
         "documentation/externalDependencies.txt": external_dependencies(),
@@ -340,7 +339,7 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
         units=scene.unit_system,
     )
     return {
-        **content.files(facts),
+        **content.files(facts, "exchange"),
         "modelDescription.xml": xml_bytes(model_exchange_description(facts, names)),
         "documentation/index.html": model_exchange_page(facts, names, scene.text(), n_mode, n_patch).encode(),
         "documentation/externalDependencies.txt": external_dependencies(reduced=True),
@@ -368,11 +367,11 @@ class _Content:
         # FMI 2 calls it a GUID, which is written in braces
         self.token = f"{{{token}}}" if fmi == "2" else token
 
-    def files(self, facts: Facts) -> Files:
+    def files(self, facts: Facts, kind: bridge.Kind) -> Files:
         """The files that all kinds of FMU run by Python share."""
         return {
             **{f"resources/{path}": content for path, content in self._resources.items()},
-            **binaries(self._fmi, facts.identifier),
+            **binaries(self._fmi, facts.identifier, kind),
             **_shared_files(facts, self._fmi),
         }
 

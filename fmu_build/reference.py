@@ -78,15 +78,12 @@ class _Run(NamedTuple):
     complaint: str
 
 
-def reference_of(
-    scene: Scene, laws: Mapping[str, TimeLaw] | None = None, whole: bool = False, compiled: bool = False
-) -> ReferenceRun:
+def reference_of(scene: Scene, laws: Mapping[str, TimeLaw] | None = None, whole: bool = False) -> ReferenceRun:
     """Run the default experiment of the FMU of a scene.
 
     scene : with its inputs. laws : histories of inputs, by the names of ``inputs_of``; a load without one rises in a
     straight line from its start value to 1, the amplitude of the scene, other inputs keep their start value.
-    whole : the whole experiment, at every communication point, whatever it takes. compiled : of a compiled FMU, which
-        solves its time steps one by one whatever the window of the scene.
+    whole : the whole experiment, at every communication point, whatever it takes.
 
     Raises
     ------
@@ -95,8 +92,6 @@ def reference_of(
     scene = completed(scene)
     if library.loaded() is None and not whole:
         return ReferenceRun({}, "no reference run: the kernels are not compiled here (--reference whole makes it)")
-    if compiled:
-        scene = scene.model_copy(update={"solver": scene.solver.model_copy(update={"window": 1})})
     step = suggested_step(scene)
     n = max(1, round(scene.time.end / step))
     kept = n if whole else _within(Prediction(discretise(scene)), n)

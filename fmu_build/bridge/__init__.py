@@ -1,8 +1,8 @@
-"""Compile and find the library of an FMU: C functions of FMI 2.0 and 3.0 that call methods in the Python of the host.
+"""Compile and find the libraries of FMUs with Python, in C: for co-simulation and for Model Exchange.
 
-``bridge.h`` declares one instance, ``python.c`` finds the interpreter of the process or starts one, ``fmi2.c`` and
-``fmi3.c`` are the functions, ``calls.c`` says which of them is allowed in which state; all but ``python.c`` serve
-compiled FMUs too.
+``interpreter.c`` finds the interpreter of the process or starts one. The functions of the FMI are those of the runtime
+(``latin_fmu.cosim.runtime``): for co-simulation it makes the steps, and Python the image of the run (``make.c``); for
+Model Exchange every call is one of a method in Python (``exchange.c``).
 
 The compiler of ``ziglang`` makes the libraries of all platforms when a wheel is built; in
 a source tree the library of this machine is compiled when the first FMU is built (by ``cc`` where there is one, which
@@ -23,9 +23,10 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
 
 from latin_fmu.compiled.library import suffix, target
+from latin_fmu.cosim import runtime
 
 HERE: Final = Path(__file__).parent
 BUILD: Final = HERE.parents[1] / "build"
@@ -43,21 +44,34 @@ PLATFORMS: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
 _WARNINGS: Final = ("-Wall", "-Wextra", "-Werror")
 
 
-def sources() -> list[Path]:
-    """The C sources, in the order of compilation."""
-    return [HERE / name for name in ("python.c", "common.c", "calls.c", "fmi2.c", "fmi3.c")]
+Kind = Literal["maker", "exchange"]
+"""Libraries: for co-simulation, whose image Python makes, and for Model Exchange, whose functions are Python's."""
+KINDS: Final[tuple[Kind, ...]] = ("maker", "exchange")
 
 
-def file_name(target: str) -> str:
-    """Name of the library for an operating system and processor; it holds the digest of its sources."""
+def sources(kind: Kind) -> list[Path]:
+    """The C sources of a library, in the order of compilation."""
+    own = [HERE / "interpreter.c", HERE / ("make.c" if kind == "maker" else "exchange.c")]
+    if kind == "maker":
+        return [*own, *(path for path in runtime.sources() if path.suffix == ".c")]
+    return [*own, *(runtime.HERE / name for name in ("common.c", "calls.c", "fmi2.c", "fmi3.c"))]
+
+
+def options(kind: Kind) -> list[str]:
+    """Options of the compiler for a library."""
+    return [f"-I{runtime.HERE}", *(("-DLATIN_FMU_WITHOUT_KERNELS", "-DLATIN_FMU_MAKES") if kind == "maker" else ())]
+
+
+def file_name(target: str, kind: Kind) -> str:
+    """Name of a library for an operating system and processor; it holds the digest of its sources."""
     digest = hashlib.sha256()
-    for path in (HERE / "bridge.h", *sources()):
+    for path in (HERE / "interpreter.h", runtime.HERE / "instance.h", runtime.HERE / "runtime.h", *sources(kind)):
         digest.update(path.read_bytes().replace(b"\r\n", b"\n"))  # as git writes them on Windows
-    return f"_bridge-{target}-{digest.hexdigest()[:12]}{suffix(target)}"
+    return f"_{kind}-{target}-{digest.hexdigest()[:12]}{suffix(target)}"
 
 
-def libraries() -> dict[str, Path]:
-    """Libraries by target: those that are there; that of this machine is compiled where none is.
+def libraries(kind: Kind) -> dict[str, Path]:
+    """Libraries of a kind by target: those that are there; that of this machine is compiled where none is.
 
     Raises
     ------
@@ -66,34 +80,34 @@ def libraries() -> dict[str, Path]:
     there = {}
     for name in PLATFORMS:
         for folder in (HERE, BUILD):
-            if (folder / file_name(name)).is_file():
-                there[name] = folder / file_name(name)
+            if (folder / file_name(name, kind)).is_file():
+                there[name] = folder / file_name(name, kind)
                 break
     own = target()
     if own in PLATFORMS and own not in there:
-        there[own] = compiled(own, BUILD, ["cc"] if shutil.which("cc") else zig(own))
+        there[own] = compiled(own, kind, BUILD, ["cc"] if shutil.which("cc") else zig(own))
     return there
 
 
-def compiled(target: str, folder: Path, compiler: Sequence[str]) -> Path:
-    """Compile the library for a target into a folder.
+def compiled(target: str, kind: Kind, folder: Path, compiler: Sequence[str]) -> Path:
+    """Compile a library for a target into a folder.
 
     Raises
     ------
     RuntimeError : the compiler refuses; its message.
     """
-    library = folder / file_name(target)
+    library = folder / file_name(target, kind)
     folder.mkdir(parents=True, exist_ok=True)
     # beside its target: a file is replaced at once in one file system only
     with tempfile.TemporaryDirectory(dir=folder) as place:
         made = Path(place) / library.name
         # hidden: functions of FMUs in one process have the same names
-        options = ["-std=c99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
-        libraries = [] if target.startswith("windows") else ["-ldl"]
+        shared = ["-std=gnu99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
+        libraries = [] if target.startswith("windows") else ["-ldl", "-lm"]
         if target.startswith("darwin"):
             # the name by which others would link it, and not the path where it is made
             libraries.append(f"-Wl,-install_name,@rpath/{library.name}")
-        command = [*compiler, *options, "-o", str(made), *map(str, sources()), *libraries]
+        command = [*compiler, *shared, *options(kind), "-o", str(made), *map(str, sources(kind)), *libraries]
         environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(folder / "zig"))
         done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
         if done.returncode:

@@ -2,7 +2,8 @@
 
 import sys
 
-from . import BUILD, PLATFORMS, compiled, zig
+from . import BUILD, KINDS, PLATFORMS, compiled, zig
 
 for name in sys.argv[1:] or PLATFORMS:
-    sys.stdout.write(f"{compiled(name, BUILD, zig(name))}\n")
+    for kind in KINDS:
+        sys.stdout.write(f"{compiled(name, kind, BUILD, zig(name))}\n")

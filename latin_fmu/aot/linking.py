@@ -1,12 +1,11 @@
 """Link object file and C files to a library for a target by the compiler of ``ziglang``; allowed symbols.
 
-The C files are a stub, which kernels need, and the functions of the FMI, for compiled FMUs (``fmu_build.compiled``).
+The C files are a stub, which kernels need, and the runtime of co-simulation (``cosim.runtime``).
 Undefined symbols of an object file and of a library are compared to the lists of those that they may need.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
 import struct
 import subprocess
@@ -17,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
+
+from ..cosim import runtime
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "
 FUNCTIONS: Final = frozenset(
     [
         *("__ctype_b_loc", "__ctype_tolower_loc", "bcmp", "calloc", "fclose", "floor", "fopen"),
-        *("fread", "fseek", "ftell", "fwrite", "localeconv", "memchr", "memcmp"),
+        *("__xstat", "fread", "fseek", "ftell", "fwrite", "localeconv", "memchr", "memcmp", "stat"),
         *("realloc", "remove", "rename", "rint", "sched_yield", "snprintf", "strchr"),
         *("strcmp", "strcpy", "strcspn", "strlen", "strncmp", "strpbrk", "strspn"),
         *("strtod", "vsnprintf"),
@@ -128,21 +129,6 @@ def undefined(content: bytes) -> Iterator[str]:
 
 
 _STUB: Final = Path(__file__).with_name("stub.c")
-_FMU: Final = Path(__file__).parents[2] / "fmu_build"
-
-
-def functions() -> list[Path]:
-    """C files and headers of the functions of the FMI on the kernels."""
-    shared = [_FMU / "bridge" / name for name in ("bridge.h", "common.c", "calls.c", "fmi2.c", "fmi3.c")]
-    return [*shared, *sorted([*(_FMU / "compiled").glob("*.c"), *(_FMU / "compiled").glob("*.h")])]
-
-
-def functions_digest() -> str:
-    """Digest of these files, which a library with these functions holds."""
-    digest = hashlib.sha256()
-    for path in functions():
-        digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
-    return digest.hexdigest()
 
 
 class LinkError(Exception):
@@ -162,7 +148,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
         (Path(folder) / "kernels.o").write_bytes(content)
         export = "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
         text = manifest.replace("\n", "\\n")
-        texts = {"latin_fmu_manifest": text, "latin_fmu_functions": functions_digest()}
+        texts = {"latin_fmu_manifest": text, "latin_fmu_functions": runtime.digest()}
         lines = [f'{export} const char {name}[] = "{value}";\n' for name, value in texts.items()]
         source.write_text("".join(lines), encoding="utf-8")
         command = [
@@ -187,7 +173,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             str(Path(folder) / "kernels.o"),
             str(_STUB),
             str(source),
-            *(str(path) for path in functions() if path.suffix == ".c"),
+            *(str(path) for path in runtime.sources() if path.suffix == ".c"),
             *(() if "windows" in target.zig else ("-lm",)),
             *(("-Wl,--no-undefined",) if "linux" in target.zig else ()),
             # the name by which others would link it, and not the path where it is made

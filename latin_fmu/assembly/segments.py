@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from ..machine import one_thread
 from ..propagator import Propagator
 from ..propagator.base import full_displacement, full_velocity
 from ..propagator.forcing import STRAIN, MotionState
-from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium
@@ -33,7 +32,7 @@ _OWN_SIZES = ("start", "running")  # entries of a snapshot whose size depends on
 _MAY_BE_NONE = ("stored",)
 _DEEPEST = 0.1  # of the size of the assembly: a deeper penetration of a contact without layers is no result of a run
 _SAME_GAP = 1e-9  # of the size of the assembly: difference of gaps by round-off
-_RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
+RUNNING: Final = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
 
 
 @dataclass(frozen=True)
@@ -93,8 +92,6 @@ class SegmentState:
     dt : time step, s. made : time steps so far. run : windows of the present segment, None before the first.
     running : energies (J) that the interfaces have dissipated so far, by kind. stored : kinetic and elastic energy at
     t = 0, J, None where it is not known yet or not accounted for.
-    communication : fields of the record of the run in a co-simulation, for the present ``problem``.
-    room : time steps that the histories in the image are laid out for, in which the kernels set them.
 
     Raises
     ------
@@ -127,9 +124,7 @@ class SegmentState:
         self.made = 0
         self.running: dict[str, float] = {}
         self.run: Run | None = None
-        self.room = 0
         self.stored: float | None = None
-        self.communication: Callable[[], Mapping[str, Any]] | None = None
         self._grid, self.dt = self.problem.assembly.time, self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
@@ -173,36 +168,22 @@ class SegmentState:
         start = np.zeros(1)
         return {n: float(amplitudes[n] if n in amplitudes else law.sample(start)[0]) for n, law in self._laws.items()}
 
-    def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] | None = Recorder) -> Run:
-        """Begin a segment of n time steps at the present time, without solving it; ``loads``, ``make`` : as ``loads``
-        and ``recorder`` for ``SegmentedRun.advance``, None where nothing is recorded and the state is left as it is."""
-        problem, assembly, self.room = self.problem, self.problem.assembly, 0
+    def begin(self, n: int, loads: Mapping[str, Array]) -> Run:
+        """Begin a segment of n time steps at the present time, without solving it; ``loads`` : as for
+        ``SegmentedRun.advance``."""
+        problem, assembly = self.problem, self.problem.assembly
         if self.run is None:
-            fields = {"n_motion_state": motion_size(assembly)} if self.communication is None else self.communication()
+            fields = {"n_motion_state": motion_size(assembly)}
             for propagator in assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem.timeline.begin(assembly, self.instants(self.made, n), loads, self._resumed(), self.dt)
         given = assembly, problem.output, problem.info
-        recorder = None if make is None else make(*given)
+        recorder = Recorder(*given)
         if self.run is not None:
             self.run.begin_segment(recorder)
         else:
-            recorder = Recorder(*given, n + 1) if recorder is None else recorder
             self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
         return self.run
-
-    def lay_out(self, amplitudes: Mapping[str, Array]) -> Run:
-        """Begin a segment of as many time steps as one call of the kernels makes, in which they set histories and rows.
-
-        amplitudes : (COMMUNICATION_ROWS,) by name, of all that drives; the first two are those of the next time step.
-        """
-        with one_thread():
-            if self.run is None:
-                self.settle({name: float(values[0]) for name, values in amplitudes.items()})
-            run = self.begin(COMMUNICATION_ROWS - 1, amplitudes, None)
-            run.open_bonds()
-        self.room = COMMUNICATION_ROWS - 1
-        return run
 
     def _resumed(self) -> dict[int, GroundState]:
         """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
@@ -263,28 +244,19 @@ class SegmentState:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self.made, self.room, self.running, self.stored, self.run = 0, 0, {}, None, None
+        self.made, self.running, self.stored, self.run = 0, {}, None, None
 
 
 class SegmentedRun(SegmentState):
     """A scene advanced segment by segment."""
 
-    def advance(
-        self,
-        end: float,
-        n: int,
-        loads: Mapping[str, Array] | None = None,
-        accept: bool = False,
-        solve: Callable[[Run], None] = Run.all,
-        recorder: Callable[..., Recorder] = Recorder,
-    ) -> Segment:
+    def advance(self, end: float, n: int, loads: Mapping[str, Array] | None = None, accept: bool = False) -> Segment:
         """Solve n steps from the present time to ``end``.
 
         Parameters
         ----------
         end : the instant n time steps later, s. n : number of them. loads : amplitude (n + 1,) of loads by name.
         accept : move on even where a window did not converge (its best iterate); else the state is untouched.
-        solve : solves the windows of the segment. recorder : makes that of the segment.
 
         Raises
         ------
@@ -298,7 +270,7 @@ class SegmentedRun(SegmentState):
         before = self.get_state()
         try:
             with one_thread():
-                segment = self._solve(n, loads or {}, solve, recorder)
+                segment = self._solve(n, loads or {})
         except Exception:  # of any kind: the state must not be half of the next one
             self.set_state(before)
             raise
@@ -307,26 +279,24 @@ class SegmentedRun(SegmentState):
             return replace(segment, accepted=False)
         self.made += n
         if segment.energy is not None:
-            for term in _RUNNING:
+            for term in RUNNING:
                 if term in segment.energy:
                     self.running[term] = float(segment.energy[term][-1])
-        if self.communication is None and self.run is not None:  # else the kernels keep it
+        if self.run is not None:
             state = packed_motions(self.problem.assembly, n)
             self.run.image.field("motion_state", len(state))[:] = state
         return segment
 
-    def _solve(
-        self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
-    ) -> Segment:
+    def _solve(self, n: int, loads: Mapping[str, Array]) -> Segment:
         # the first segment: a start that depends on the loads is found with them
         if self.run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
-        run = self.begin(n, loads, make)
+        run = self.begin(n, loads)
         assembly, recorder = self.problem.assembly, run.recorder
-        solve(run)
+        run.all()
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
-            for term in _RUNNING:
+            for term in RUNNING:
                 if term in energy:
                     energy[term] = energy[term] + self.running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
@@ -440,7 +410,7 @@ def _check_opening(inputs: Collection[str], tree: Any) -> None:
             check_numbers(tree[name], f"state.{name}")
     if not isinstance(tree["made"], int) or tree["made"] < 0:
         raise unlike("state.made", "a number of time steps that there cannot be")
-    for name, known in (("start", inputs), ("running", _RUNNING)):
+    for name, known in (("start", inputs), ("running", RUNNING)):
         if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
             raise unlike(f"state.{name}", "other entries than here")
 

@@ -38,9 +38,7 @@ from ..errors import Problem, Problems, SceneError
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.location import cross_matrix
 from ..fem.mesh import Array, Index
-from ..latin.assembly import Assembly
 from ..latin.probes import SensorPlace, Support
-from ..latin.recorder import Recorder
 from ..propagator import SubstructureModel
 from ..propagator.model import diagonal_matrix
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
@@ -456,17 +454,3 @@ def port_supports(
             parts.eliminate_zeros()
             made[port_key(name, turned)] = Support(port.body, port.face, models[port.body], parts)
     return made
-
-
-# -- outputs ----------------------------------------------------------------------------------------------------------
-def moved_face_forces(scene: Scene, assembly: Assembly, recorder: Recorder) -> Array:
-    """Forces and moments that bodies exert through the faces that ports move, over the kept instants, (n, k): those of
-    one port after the other, in the order of its components."""
-    reactions, columns = recorder.reactions(assembly, ports=True), [np.zeros((recorder.n_kept, 0))]
-    for name, port in scene.port.items():
-        keys = [key for key in (port_key(name), port_key(name, True)) if key in reactions]
-        if keys:
-            both = np.concatenate([reactions[key].force for key in keys], axis=1)
-            # of the body on what moves it
-            columns.append(-both[:, [COMPONENTS.index(component) for component in port.components]])
-    return np.concatenate(columns, axis=1)

@@ -195,11 +195,11 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
         given = {name: size for name, size in sizes.items() if size is not None}
         build.build_model_exchange(inputs.scene, target, **given)
         return acting
-    files, compiled = _files(arguments, inputs.scene, note)
+    files = _files(arguments, inputs.scene, note)
     if arguments.reference != "none":
         begin = time.process_time()
-        how = arguments.reference == "whole", compiled
-        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, *how)
+        whole = arguments.reference == "whole"
+        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
         files |= reference.files
         took = (
             f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)"
@@ -232,20 +232,20 @@ def _acting(scene: Scene) -> list[str]:
     return lines
 
 
-def _files(arguments: argparse.Namespace, scene: Scene, note: str) -> tuple[dict[str, bytes], bool]:
-    """Files of the FMU of a scene, and whether it is compiled: one with Python, and a remark, where it cannot be."""
+def _files(arguments: argparse.Namespace, scene: Scene, note: str) -> dict[str, bytes]:
+    """Files of the FMU of a scene: one with Python, and a remark, where it cannot be compiled."""
     from importlib import import_module
 
     build, fmi = import_module("fmu_build.build"), arguments.fmi or "2"
     if not arguments.python:
         try:
-            return build.compiled_files(scene, fmi, note, arguments.portable), True
+            return dict[str, bytes](build.compiled_files(scene, fmi, note, arguments.portable))
         except NeedsPythonError as error:
             if arguments.portable or arguments.modes is not None:
                 raise
             why = "; ".join(map(str, error.problems))
             say(f"latin-fmu: this FMU needs a Python where it runs, as with --python: {why}")
-    return build.fmu_files(scene, fmi), False
+    return dict[str, bytes](build.fmu_files(scene, fmi))
 
 
 def _foreseen(scene: Scene) -> str:

@@ -112,41 +112,46 @@ class CommunicationRun:
     Parameters
     ----------
     scene : with names for its interfaces (``assembly.interfaces.completed``). tolerance : replaces that of the scene.
+    python : whether Python is there when steps are made: the kernels call out for laws and factors that they do not
+        hold, and have the threads of the scene.
 
     Attributes
     ----------
-    image : of the run. sources : inputs and own laws. steps : time steps that one call can make at most.
+    image : of the run. sources, drives : inputs and own laws. steps : time steps that one call can make at most.
+    problem : what is solved.
 
     Raises
     ------
     NeedsPythonError : a scene that the kernels do not hold; SceneError : it cannot be built.
     """
 
-    def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
+    def __init__(self, scene: Scene, tolerance: float | None = None, python: bool = False) -> None:
         self.scene, self.sources = scene, Sources.of(scene)
-        self._segmented = SegmentedRun(scene, tolerance)
-        self._segmented.settle({})
-        problem = self._segmented.problem
-        _check(scene, problem.assembly.scheme.explicit)
+        segmented = SegmentedRun(scene, tolerance)
+        segmented.settle({})
+        self.problem = segmented.problem
         with one_thread():
-            drives = Drives(self._segmented, self.sources)
-            recorder = Recorder(problem.assembly, problem.output, problem.info)
-            fields = Signals(scene, drives, recorder).fields() | history_fields(drives)
-            fields |= opening_fields(drives, self._segmented.starts_static)
-            self._make(drives, fields)
+            self.drives = Drives(segmented, self.sources)
+            recorder = Recorder(self.problem.assembly, self.problem.output, self.problem.info)
+            fields = Signals(scene, self.drives, recorder).fields() | history_fields(self.drives)
+            fields |= opening_fields(self.drives, segmented.starts_static)
+            self._make(self.drives, fields, python)
 
-    def _make(self, drives: Drives, fields: Mapping[str, Any]) -> None:
-        problem, start = self._segmented.problem, self.sources.initial()
+    def _make(self, drives: Drives, fields: Mapping[str, Any], python: bool) -> None:
+        problem, start = self.problem, self.sources.initial()
         amplitudes = np.concatenate(
             [start, np.ones((COMMUNICATION_ROWS - 2, start.shape[1]))]
         )  # the last rows lay out what varies
         drives.begin(amplitudes)
         # what a call of the kernels alone can do: windows of one instant, its own thread
-        settings = replace(problem.settings, window=1, threads=1)
+        settings = replace(problem.settings, window=1, threads=problem.settings.threads if python else 1)
         recorder = Recorder(problem.assembly, problem.output, problem.info)
         self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
         self.run.open_bonds()
-        if not (self.run.marches and all_in_kernels(self.run.image)):
+        if not self.run.marches:  # perfect interfaces that are too many, or redundant, for one matrix in the kernels
+            settings = replace(settings, direct_bonds=False)
+            self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
+        if not (python or all_in_kernels(self.run.image)):
             raise _solved_by_python(self.run)
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})
@@ -166,14 +171,6 @@ class CommunicationRun:
         return values
 
 
-def _check(scene: Scene, explicit: bool) -> None:
-    moved = [name for name, port in scene.port.items() if port.causality == "motion_in"]
-    if moved and explicit:
-        what, remedy = "is a mean over two time steps in an explicit march", 'use propagator "direct"'
-        problems = [Problem(f"port.{name}", f"its force {what}", None, None, remedy) for name in moved]
-        raise NeedsPythonError(problems, "the scene needs Python at run time")
-
-
 def _solved_by_python(run: Run) -> NeedsPythonError:
     """What of a run the kernels do not hold, by name."""
     problems = []
@@ -186,9 +183,6 @@ def _solved_by_python(run: Run) -> NeedsPythonError:
             names = [run.assembly.interfaces[i].name for i in group.members]
             what, remedy = "has a law written in Python", "use a law of the package"
             problems += [Problem(f"interface.{name}", what, None, None, remedy) for name in names]
-    if not problems:
-        what = "perfect interfaces are too many, or redundant, for a direct solution in kernels"
-        problems.append(Problem("solver.bonds", what, None, None, 'use bonds = "iterated"'))
     return NeedsPythonError(problems, "the scene needs Python at run time")
 
 
@@ -197,8 +191,21 @@ def write(run: CommunicationRun) -> bytes:
     """The file of a run in its present state."""
     image = run.image
     image.write()
-    # the block itself has room for further search directions, which an FMU never takes
-    record, fixed = image.run[0], image.fixed[: image.n_fixed]
+    run_record = image.run.copy()
+    run_record["callout"] = 0  # an address of this process
+    records = (part.tobytes() for part in (run_record, image.classes, image.groups))
+    return b"".join([header(run), *records, *_planes(_fixed(image)), image.moving.tobytes()])
+
+
+def _fixed(image: Image) -> Array:
+    """The fixed block without its room for further search directions, which no communication step takes."""
+    return image.fixed[: image.n_fixed]
+
+
+def header(run: CommunicationRun) -> bytes:
+    """Magic, words and numbers at the beginning of the file of a run whose records are up to date."""
+    image = run.image
+    record, fixed = image.run[0], _fixed(image)
     words: dict[str, int] = {
         "version": VERSION,
         "run_size": RUN.itemsize,
@@ -223,14 +230,11 @@ def write(run: CommunicationRun) -> bytes:
         "run_digest": _digest(),
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}
-    header = np.zeros(_N_WORD, dtype="<i8")
-    header[: len(WORDS)] = [words[name] for name in WORDS]
+    places = np.zeros(_N_WORD, dtype="<i8")
+    places[: len(WORDS)] = [words[name] for name in WORDS]
     numbers = np.zeros(_N_NUMBER, dtype="<f8")
     numbers[: len(NUMBERS)] = record["dt"], run.scene.time.end
-    run_record = image.run.copy()
-    run_record["callout"] = 0  # an address of this process
-    records = (part.tobytes() for part in (run_record, image.classes, image.groups))
-    return b"".join([MAGIC, header.tobytes(), numbers.tobytes(), *records, *_planes(fixed), image.moving.tobytes()])
+    return b"".join([MAGIC, places.tobytes(), numbers.tobytes()])
 
 
 def _planes(words: Array) -> Iterator[bytes]:

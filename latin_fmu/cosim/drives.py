@@ -106,7 +106,7 @@ class Drives:
 
     def __init__(self, run: SegmentedRun, sources: Sources) -> None:
         self.assembly, self._timeline, self.sources = run.problem.assembly, run.problem.timeline, sources
-        self._dt = run.dt
+        self.dt = run.dt
         for propagator in self.assembly.propagators:
             # all of them have terms, also those that are constant in this segment
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
@@ -118,7 +118,7 @@ class Drives:
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
         # without the histories of the segment before
-        assembly, dt, ground = self.assembly, self._dt, self._start
+        assembly, dt, ground = self.assembly, self.dt, self._start
         for propagator in assembly.propagators:
             propagator.restart()
         if state is not None:
@@ -158,7 +158,7 @@ class Drives:
         for i in self._grounds:
             parts.append(first[i].displacement + ground.travel[i])
             # no acceleration before the first step: that of its start
-            parts.append(np.concatenate([[first[i].acceleration], np.diff(ground.velocity[i], axis=0) / self._dt]))
+            parts.append(np.concatenate([[first[i].acceleration], np.diff(ground.velocity[i], axis=0) / self.dt]))
         # at the first instant those before it are its own: nothing jumps there
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)

@@ -4,6 +4,22 @@ A row says how an output is called, its unit and meaning, its numbers, and how i
 (``signals``): by a linear function, or as the integral of the output before it over time. What is neither is written by
 the kernels (``kernels.outputs.WRITTEN``). Variables, the record of the run that Python and C march, arrays over a
 window, results and derivatives follow from the rows, in their order.
+
+Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
+an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
+
+=============  ====================================  ===============================================================
+event          state at t_(j-1), at t_j              instant, kept inside the time step
+=============  ====================================  ===============================================================
+touch          no point in contact, some             t_(j-1) + min over the points in contact at t_j of g / v
+separation     some point in contact, none           t_(j-1) + N / (-dN/dt)
+slip           some point in contact sticks, none    t_(j-1) + (q_j - q) / (dq/dt), q = |T| / N
+=============  ====================================  ===============================================================
+
+g is the gap at a point and v the speed at which it closes; N and T are the normal and the tangential resultant, and q_j
+is on the friction cone. Values without index are those at t_(j-1), rates of N and q those over the time step before it.
+Each instant is where a straight line reaches the state that the event begins: its error is of second order in the time
+step where g, N or q are smooth before the event. Where the line does not reach it the instant is t_j.
 """
 
 from __future__ import annotations
@@ -97,6 +113,7 @@ class OutputKind:
     at_start : whether it depends on inputs when initialization ends. least, most : limits. constant : whether its
         derivatives by inputs are 0.
     over_window : meaning of the array over the instants of a window; none where empty.
+    lag : half of a part that explicit schemes take as the mean over the last two instants, likewise; None: none.
     """
 
     name: str
@@ -110,6 +127,7 @@ class OutputKind:
     most: float | None = None
     constant: bool = False
     over_window: str = ""
+    lag: Callable[..., Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -199,7 +217,8 @@ def _pair(causality: str, method: str, what: tuple[Any, ...], *words: tuple[str,
     """Of ports of a causality what a method of ``Signals`` gives for translations and for rotations."""
     for turned, (name, unit, meaning) in enumerate(words):
         of, axes = _read(method, turned, *what), _connected(causality, turned)
-        yield OutputKind(name, unit, meaning, of, axes, at_start=True)
+        lag = _read("half_before", turned) if method == "exerted" else None
+        yield OutputKind(name, unit, meaning, of, axes, at_start=True, lag=lag)
 
 
 PORT: Final = Family(

@@ -10,10 +10,8 @@ force = session.value("interface.crush.force[3]")
 from __future__ import annotations
 
 import hashlib
-import math
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,29 +19,28 @@ import xarray as xr
 from ..api import computable
 from ..assembly.interfaces import completed
 from ..assembly.segments import Segment
-from ..errors import InputError, LatinError, Problem
+from ..errors import InputError, Problem
 from ..latin.outcome import Array, InterfaceHistory
-from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..machine import provenance
 from ..results.dataset import datatree, result_groups, root_group
 from ..results.estimates import ErrorEstimate
 from ..results.groups import SCHEMA_VERSION, in_units, unit_attributes
 from ..results.quantities import AXES
 from ..results.solution import Solution
-from ..scene.laws import InputLaw, TableLaw
+from ..scene.laws import TableLaw
 from ..scene.schema import Scene
 from ..scene.units import SI, UnitSystem
-from .derivatives import Derivatives
+from .engine import DISCARD, STEP, WARNING
 from .input_table import with_laws
-from .loads import Curve, Loads
-from .prescribed import Prescribed
-from .settings import Settings, StepReport, is_round_off, refused, why_not
+from .loads import Curve, GivenLoads
+from .scene_engine import SceneEngine
+from .settings import Settings, StepReport, refused
 from .step_history import AcceptedStep, StepHistory, curves_of, joined
 from .variable import Variable, input_of
 from .variables import scalar_table
-from .windowed import Windowed
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
+_MAGIC = b"LATINSES"
 
 
 class Session:
@@ -67,13 +64,11 @@ class Session:
         self.table = scalar_table(scene)
         self.outputs = tuple(v.name for v in self.table if v.causality == "output")
         self._index = {name: i for i, name in enumerate(self.outputs)}
-        self._loads = Loads(scene)
-        self._time_step = self.settings.step_of(scene)
+        self._of_solver = self._index["solver.iterations"]  # the indicator follows
+        self._loads = GivenLoads(scene)
         # what snapshots must agree in: the scene as it is solved, and what was chosen
-        self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
-        self._mode: Windowed | Prescribed | None = None
-        self._starts: dict[str, float] = {}
-        self._derivatives: Derivatives | None = None  # about the last step for which some were computed
+        identity = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
+        self._solver = SceneEngine(self.scene, self.settings, self.table, identity)
         self.step_history = StepHistory()
         self.reset()
 
@@ -83,8 +78,6 @@ class Session:
         self._loads.reset()
         self.row: Array = np.zeros(len(self.outputs))
         self.step_history.clear()
-        if self._mode is not None:
-            self._mode.reset()
 
     # -- inputs ---------------------------------------------------------------------------------------------------
     @property
@@ -117,62 +110,40 @@ class Session:
 
         Raises
         ------
-        InputError : the scene cannot be built, an input is not finite. SolverError : prescribed mode, no convergence;
-            a matrix is singular, numbers overflow.
+        InputError : the scene cannot be built, an input is not finite, a choice is none. SolverError : prescribed mode,
+            no convergence; a matrix is singular, numbers overflow.
         """
-        bad = self._loads.not_finite()
-        if bad or not math.isfinite(t0):
-            raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
+        self.started = False
         self._loads.begin()
         with computable():
-            mode = self._prepared_mode(self._loads)
-            mode.start(self._loads, float(t0))
-        self.row = mode.row
-        self._t0 = self.time = float(t0)
-        self.started = True
-
-    def _prepared_mode(self, loads: Loads) -> Windowed | Prescribed:
-        """The mode, built for the displacements that the driven faces have at the start."""
-        starts = loads.starts()
-        # displacements at the start are part of the geometry of the problem: with others it is built anew
-        if self._mode is None or starts != self._starts:
-            laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
-            scene = with_laws(self.scene, laws) if laws else self.scene
-            self._mode, self._starts = (
-                (Prescribed if self.settings.prescribed else Windowed)(scene, self.settings),
-                starts,
-            )
-        return self._mode
+            engine = self._solver.initialize(self._loads, float(t0))
+        self.row, self._t0, self.time, self.started = engine.row, float(t0), float(t0), True
 
     def step(self, t: float, h: float, early: bool = False) -> StepReport:
         """Advance from t by h, s, with the loads set before. A step that is refused changes nothing; one below 1e-9 of
         the time step, or below the last digit of t, moves the clock alone.
 
-        early : end the step with the first time step in which there is a contact event (``cosim.outputs``).
+        early : end the step with the first time step in which there is a contact event (``cosim.output_table``).
         """
-        mode = self._mode
-        if mode is None or not self.started:
+        engine = self._solver.engine
+        if engine is None or not self.started:
             return refused("the session is not initialized")
-        if trouble := why_not(t, h, self.time, self._time_step):
-            return refused(trouble)
-        if is_round_off(t, h, self._time_step):
-            self.time = t + h
-            return StepReport(True)
-        if bad := self._loads.not_finite():
-            return refused(f"{bad} is not a finite number", again=True)
+        keeps = self.settings.keep
         # before the step, which accepts what they follow from
-        rates = self._loads.rates(self.settings.interpolation) if self.settings.keep else {}
-        try:
-            report = mode.step(self._loads, t, h, self._t0, early)
-        except LatinError as error:
-            return refused(str(error), again=True)
-        if report.accepted:
-            # t + h and not a sum of own steps: hosts compare it with theirs
-            self.time, self.row = t + h if report.early is None else report.early, mode.row
-            if self.settings.keep:
-                segment = mode.segment if isinstance(mode, Windowed) else None
-                self.step_history.append(AcceptedStep(t, self.time, self.row, dict(self._loads.value), rates, segment))
-        return report
+        rates = self._solver.rates(self._loads) if keeps else {}
+        if keeps:
+            self._solver.begin_step()
+        status, message, end, n = engine.step(float(t), float(h), early, self._loads.given)
+        if status > WARNING:
+            return refused(message, again=status == DISCARD)
+        self.time, self.row = end, engine.row
+        if keeps and n >= 0:
+            segments = () if self.settings.prescribed else tuple(self._solver.segments)
+            self.step_history.append(AcceptedStep(t, end, self.row, dict(self._loads.value), rates, segments))
+        if n < 1:
+            return StepReport(True)
+        iterations, indicator = self.row[self._of_solver : self._of_solver + 2].tolist()
+        return StepReport(True, "", n, int(iterations), indicator, early=None if end == t + h else end)
 
     def derivative(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
         """Directional derivative (n_unknown,) of outputs at the end of the last step by inputs over it: the sum over
@@ -185,12 +156,13 @@ class Session:
         ------
         InputError : other variables, prescribed mode, no step so far. SolverError : no unique derivative.
         """
-        if not isinstance(self._mode, Windowed) or not self.started:
-            what = "not available in prescribed mode, or before initialization"
-            raise InputError([Problem("directional derivative", what, None, "mode = 0 (windowed)")])
-        if self._derivatives is None or not self._derivatives.of(self._mode.last_step):
-            self._derivatives = Derivatives(self._mode, self.outputs)
-        return self._derivatives.product(unknowns, knowns, seed)
+        places = {variable.name: i for i, variable in enumerate(self.table)}
+        if bad := [Problem(name, "no variable of this name") for name in (*unknowns, *knowns) if name not in places]:
+            raise InputError(bad, "there is no directional derivative")
+        engine = self._solver.engine
+        if engine is None or not self.started:
+            raise InputError([Problem("directional derivative", "not available before initialization")])
+        return engine.derivative([places[name] for name in unknowns], [places[name] for name in knowns], seed)
 
     # -- outputs --------------------------------------------------------------------------------------------------
     def value(self, name: str) -> float:
@@ -206,20 +178,18 @@ class Session:
 
     def window(self) -> tuple[Array, dict[str, InterfaceHistory]]:
         """Instants (n,), s, and interface histories of the last step (the whole interval in prescribed mode)."""
-        if self._mode is None:
-            return np.zeros(0), {}
-        return self._t0 + self._mode.time, self._mode.interfaces
+        time, histories = self._solver.window() if self.started else (np.zeros(0), {})
+        return self._t0 + time, histories
 
     def instant(self) -> tuple[int, int]:
         """Index of the present instant in ``window``, and number of instants there."""
-        mode = self._mode
-        return (-1, 0) if mode is None else (mode.instant(self.time - self._t0), mode.n_instant)
+        engine = self._solver.engine
+        return (-1, 0) if engine is None or not self.started else engine.instant()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Remarks about the scene, known after ``initialize``."""
-        run = None if self._mode is None else self._mode.run
-        return () if run is None else run.problem.warnings
+        return () if self._solver.run is None else self._solver.run.problem.warnings
 
     def estimate_error(self) -> ErrorEstimate:
         """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval).
@@ -228,7 +198,7 @@ class Session:
         """
         _check_kept(self.settings)
         given = self._loads.curves(self.scene.time.end)
-        return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given, self._t0)
+        return estimated_error(self.scene, self.settings, list(self.step_history), self._solver, given, self._t0)
 
     def dataset(self, estimate: bool = False) -> xr.DataTree:
         """Accepted steps as a DataTree: groups of a run, and ``exchange`` with inputs and outputs by step.
@@ -238,7 +208,7 @@ class Session:
         Raises InputError in windowed mode without ``Settings.keep``.
         """
         _check_kept(self.settings)
-        tree = result_tree(self.scene, self.table, list(self.step_history), self._mode)
+        tree = result_tree(self.scene, self.settings, self.table, list(self.step_history), self._solver)
         if estimate:
             tree["/accuracy"] = xr.DataTree(self.estimate_error().group(self.scene.unit_system).dataset())
         return tree
@@ -246,51 +216,35 @@ class Session:
     def close(self) -> None:
         """Free the operators and the history; the session cannot be used after this."""
         self.step_history.clear()
-        self._mode = self._derivatives = None
+        self._solver.close()
+        self.started = False
 
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
-        mode = self._mode if self.started else None
-        of_mode = None if mode is None else mode.get_state()
-        state: dict[str, Any] = {
-            "time": self.time,
-            "t0": self._t0,
-            "started": int(self.started),
-            "row": self.row,
-            "loads": self._loads.get_state(),
-            "last": self.step_history.identity,
-            "mode": of_mode,
-        }
-        return encode(state, self._kind)
+        with computable():
+            engine = self._solver.ready(self._loads.starts()) if not self.started else self._solver.engine
+        assert engine is not None
+        return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.given)
 
-    def restore(self, blob: bytes, check: bool = False) -> None:
-        """Restore a snapshot of this or another session of the same scene and settings.
-
-        check : it came from outside: compare sizes, kinds and ranges of its numbers with those here. A check that
-        fails may leave the session changed: save it before, and restore it.
+    def restore(self, blob: bytes, check: bool = True) -> None:
+        """Restore a snapshot of this or another session of the same scene and settings; ``check`` has no effect: what
+        cannot be is always refused.
 
         Raises
         ------
         InputError : bytes that are no such snapshot; nothing changes. SolverError : in prescribed mode, where these
         histories are solved anew and do not converge.
         """
-        state = decode(blob, self._kind)
-        # new ones until everything has been checked
-        loads = Loads(self.scene)
-        if check:
-            own = {"time": 0.0, "t0": 0.0, "started": 1, "row": self.row, "loads": None, "last": "", "mode": None}
-            check_like(state, own, "state", free=("mode", "loads"))
-            loads.check_state(state["loads"])
-            if state["started"] != (state["mode"] is not None) or state["time"] < state["t0"]:
-                raise unlike("state", "not started, or a time before the start")
-        loads.set_state(state["loads"])
-        if state["mode"] is not None:
-            self._prepared_mode(loads).set_state(state["mode"], loads, check)
-        self._loads = loads
-        self.time, self._t0, self.started = state["time"], state["t0"], bool(state["started"])
-        self.row = state["row"]
-        self.step_history.move_to(state["last"])
+        del check
+        n = len(_MAGIC)
+        state = blob[n + 32 :] if blob[:n] == _MAGIC else blob  # what is no state is refused by the engine
+        identity = blob[n : n + 32].decode(errors="replace").strip()
+        with computable():
+            engine = self._solver.restore(state, self._loads)
+        self.time, self._t0 = engine.times()
+        self.row, self.started = engine.row, engine.phase == STEP
+        self.step_history.move_to(identity)
 
 
 def _check_kept(settings: Settings) -> None:
@@ -300,28 +254,27 @@ def _check_kept(settings: Settings) -> None:
 
 
 def result_tree(
-    scene: Scene, table: Sequence[Variable], steps: Sequence[AcceptedStep], mode: Windowed | Prescribed | None
+    scene: Scene, settings: Settings, table: Sequence[Variable], steps: Sequence[AcceptedStep], solver: SceneEngine
 ) -> xr.DataTree:
     """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points kept."""
-    segments = [] if mode is None else _segments(mode, steps)
-    if mode is None or mode.run is None or not segments:
+    segments = _segments(settings, solver, steps)
+    if solver.run is None or not segments:
         tree = xr.DataTree(name=scene.name)
         tree.attrs = {**provenance(), "scene_name": scene.name, "schema_version": SCHEMA_VERSION}
         tree.attrs.update(unit_attributes(scene.unit_system))
     else:
-        problem = mode.run.problem
-        outcome = joined(segments, mode.run.timings, problem.warnings)
+        problem = solver.run.problem
+        outcome = joined(segments, solver.run.run.timings, problem.warnings)
         groups = {"/": root_group(outcome, scene.name, scene.text(), provenance())}
         groups |= result_groups(outcome, problem.recovered, scene.sensor, surfaces=scene.output.surfaces)
         tree = datatree(in_units(groups, scene.unit_system), scene.name)
-    if steps or not isinstance(mode, Prescribed):
+    if steps or not settings.prescribed:
         tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps, scene.unit_system))
     return tree
 
 
-def _segments(mode: Windowed | Prescribed, steps: Sequence[AcceptedStep]) -> list[Segment]:
-    segments = [mode.segment] if isinstance(mode, Prescribed) else [step.segment for step in steps]
-    return [segment for segment in segments if segment is not None]
+def _segments(settings: Settings, solver: SceneEngine, steps: Sequence[AcceptedStep]) -> list[Segment]:
+    return solver.segments if settings.prescribed else [segment for step in steps for segment in step.segments]
 
 
 def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep], units: UnitSystem = SI) -> xr.Dataset:
@@ -368,7 +321,7 @@ def estimated_error(
     scene: Scene,
     settings: Settings,
     steps: Sequence[AcceptedStep],
-    mode: Windowed | Prescribed | None,
+    solver: SceneEngine,
     given: dict[str, Curve],
     t0: float,
 ) -> ErrorEstimate:
@@ -381,17 +334,17 @@ def estimated_error(
     """
     from ..accuracy.estimate import estimate_error
 
-    if mode is None or mode.run is None:
+    if solver.run is None:
         return _no_estimate("nothing was solved")
-    segments = _segments(mode, steps)
-    if isinstance(mode, Windowed):
+    segments = _segments(settings, solver, steps)
+    if not settings.prescribed:
         if not segments or steps[0].start != t0:
             return _no_estimate(
                 "the steps from the start on are not known: nothing was solved, or a state was restored"
             )
         given = curves_of(steps, settings.interpolation, given)
     plain = _plain_scene(scene, settings, given, segments)
-    solved = Solution(joined(segments, mode.run.timings, mode.run.problem.warnings), plain.text(), plain.name)
+    solved = Solution(joined(segments, solver.run.run.timings, solver.run.problem.warnings), plain.text(), plain.name)
     return estimate_error(plain, solved)
 
 

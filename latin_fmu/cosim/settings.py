@@ -52,14 +52,11 @@ class Settings:
         return scene.time.time_step if self.time_step is None else self.time_step
 
     def problems(self) -> list[Problem]:
-        """Problems of the settings that are out of range."""
-        modes, rules = "0 (windowed) or 1 (prescribed)", "0 (hold), 1 (rate), 2 (line), 3 (causal line)"
+        """Problems of the settings that are out of range; mode and interpolation are looked at by the runtime."""
         tolerance, n, span = self.tolerance, self.max_iterations, ("must be a time span", "a finite number > 0")
         # round-off of doubles ends no iteration below it
         in_range = tolerance is None or 1e-14 <= tolerance < 1.0
         checks = (
-            ("mode", self.mode, self.mode in (WINDOWED, PRESCRIBED), "no such mode", modes),
-            ("inputInterpolation", self.interpolation, self.interpolation in range(CAUSAL + 1), "no such rule", rules),
             ("timeStep", self.time_step, _is_span(self.time_step), *span),
             ("endTime", self.end_time, _is_span(self.end_time), *span),
             ("tolerance", tolerance, in_range, "out of range", "1e-14 <= tolerance < 1"),
@@ -131,20 +128,3 @@ class StepReport(NamedTuple):
 def refused(message: str, again: bool = False) -> StepReport:
     """Report of a step that was not made; ``again``: a shorter one, or another input, may help."""
     return StepReport(False, message, again=again)
-
-
-def why_not(t: float, h: float, now: float, time_step: float) -> str:
-    """Why no step can be made from t by h at the time ``now``, all in s; empty where it can."""
-    if not (math.isfinite(t) and math.isfinite(h)):
-        return f"time {t!r} or step size {h!r} is not a finite number"
-    if h <= 0.0:
-        return f"the step size {h!r} s must be greater than 0"
-    if abs(t - now) > max(EARLY * h, SHORTEST * time_step):
-        return f"the step starts at {t!r} s, but the present time is {now!r} s: restore a state to go back"
-    return ""
-
-
-def is_round_off(t: float, h: float, time_step: float) -> bool:
-    """Whether a step from t by h, s, moves the clock alone: hosts that add up times end with such steps."""
-    # late in a simulation a step may be below the last digit of t
-    return h <= SHORTEST * time_step or t + h <= t

@@ -6,7 +6,7 @@ fields of its points.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -259,7 +259,12 @@ class Signals(SignalPlaces):
 
     def exerted(self, name: str, turned: int) -> sp.csr_array:
         """Force that the body exerts through a port that is moved, or its moment."""
-        return -self._reaction_rows(port_key(name, turned=bool(turned)))
+        key = port_key(name, turned=bool(turned))
+        return sp.csr_array(-self._static_rows(key) - self._inertia_rows(key))
+
+    def half_before(self, name: str, turned: int) -> sp.csr_array:
+        """Half of the part of ``exerted`` that an explicit scheme takes as the mean over the last two instants."""
+        return -0.5 * self._static_rows(port_key(name, turned=bool(turned)))
 
     def wave(self, name: str, turned: int, sign: float) -> sp.csr_array:
         """Of a wave port the force on the body, incident wave - Z v, or its moment; with sign -1 the reflected wave."""
@@ -272,23 +277,36 @@ class Signals(SignalPlaces):
         braked = sp.csr_array(sp.diags_array(impedance) @ self.port_motion(name, turned, 1))
         return sp.csr_array(incident) - braked if sign > 0.0 else 2.0 * braked - sp.csr_array(incident)
 
-    def _reaction_rows(self, name: str) -> sp.csr_array:
-        """Reaction (3, n) of a moved face (``latin.probes``)."""
+    def _static_rows(self, name: str) -> sp.csr_array:
+        """Part (3, n) of the reaction of a moved face (``latin.probes``) that its displacements, velocities and loads
+        give."""
         place, support = self.probes.places["force"][name], self._request.supports[name]
-        c, member, forcing = place.number, place.member, self._assembly.propagators[place.number].forcing
+        member, forcing = place.member, self._assembly.propagators[place.number].forcing
         rows, first = sp.lil_array((3, self.n)), place.part.start
         for axis in range(3):
-            for kind in range(3):
-                rows[axis, self._sensor(c, kind, first + 3 * kind + axis, member)] = 1.0
-                self._add_motions(rows, axis, (c, kind, member), place.shapes[3 * kind + axis])
+            for kind in range(2):
+                self._add_read(rows, axis, kind, place)
             self._add_strains(rows, axis, place, first + axis, place.shapes[axis])
             terms = zip(forcing.members[member].loads, forcing.amplitudes[member], support.loads, strict=True)
             for load, amplitude, resultant in terms:
                 self._add_load(rows, axis, load.name, amplitude, -resultant[axis])
-            for channel, area in zip(self._assembly.channels[c][:, member], support.spread[:, axis], strict=True):
+        return sp.csr_array(rows)
+
+    def _inertia_rows(self, name: str) -> sp.csr_array:
+        """Part (3, n) that its accelerations and the tractions of the interfaces give."""
+        place, support = self.probes.places["force"][name], self._request.supports[name]
+        rows, channels = sp.lil_array((3, self.n)), self._assembly.channels[place.number][:, place.member]
+        for axis in range(3):
+            self._add_read(rows, axis, 2, place)
+            for channel, area in zip(channels, support.spread[:, axis], strict=True):
                 # - e T^T area F: the tractions of all channels of the body
                 rows[axis, int(channel)] -= area
         return sp.csr_array(rows)
+
+    def _add_read(self, rows: Any, axis: int, kind: int, place: ProbePlace) -> None:
+        """Add displacements (0), velocities (1) or accelerations (2) that a place of a support reads."""
+        rows[axis, self._sensor(place.number, kind, place.part.start + 3 * kind + axis, place.member)] = 1.0
+        self._add_motions(rows, axis, (place.number, kind, place.member), place.shapes[3 * kind + axis])
 
     def tension(self, name: str) -> sp.csr_array:
         """Tension of a bolt."""
@@ -330,6 +348,16 @@ class Signals(SignalPlaces):
             before, at = at, at + len(axes)
         return sp.csr_array(sp.vstack(blocks)), integrals
 
+    def _lags(self, places: Mapping[str, int]) -> dict[str, Any]:
+        """Outputs of which an explicit scheme takes a part as the mean over the last two instants."""
+        blocks, where = [sp.csr_array((0, self.n))], list[int]()
+        for placed in outputs_of(self._scene) if self._assembly.scheme.explicit else ():
+            if placed.row.lag is not None:
+                axes = [axis or 0 for axis in placed.row.axes(placed.owner)]
+                blocks.append(placed.row.lag(self, placed.name)[axes])
+                where += [places[name] for name in placed.names]
+        return {"lag": sp.csr_array(sp.vstack(blocks)), "lag_place": np.array(where, dtype=np.int64)}
+
     def fields(self) -> dict[str, Any]:
         """Fields of the record of the run: outputs from the signals, and what is read point by point."""
         assembly, places = self._assembly, places_of(self._scene)
@@ -361,6 +389,7 @@ class Signals(SignalPlaces):
             "summary": summary,
             "area_share": share,
             "shear": sp.csr_array(sp.vstack(shear)),
+            **self._lags(places),
             "no_contact": NO_CONTACT * assembly.characteristic_traction,
             **self._point_fields(kept),
         }

@@ -6,6 +6,7 @@ The history is a chain of links, so that a session whose state is restored retur
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from ..assembly.segments import Segment
+from ..assembly.segments import RUNNING, Segment
 from ..latin.outcome import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
 from ..results.quantities import BOLT, INTERFACE, REACTION, SENSOR, SUBSTRUCTURE, Rows, fields_over_time
 from .loads import Curve, rule_of
@@ -28,14 +29,14 @@ _JUMP: Final = 1e-7  # of a step: distance of the two times at which a jump is w
 @dataclass(frozen=True)
 class AcceptedStep:
     """A step: from ``start`` to ``end``, s; outputs at its end; loads at its start and their rates over it, 1/s; its
-    segment (windowed mode)."""
+    segments, where they are recorded."""
 
     start: float
     end: float
     row: Array
     value: dict[str, float]
     rate: dict[str, float]
-    segment: Segment | None
+    segments: tuple[Segment, ...]
 
 
 class Link:
@@ -138,7 +139,7 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
         converged=all(s.converged for s in segments),
         status=f"{len(segments)} accepted segment(s), largest error indicator {indicator:.3g}",
         passes=float("nan"),
-        energy=_joined_energies([s.energy for s in segments]),
+        energy=_since_the_start([s.energy for s in segments]),
         sensors={name: _joined_fields([s.sensors[name] for s in segments], SENSOR) for name in first.sensors},
         reactions={name: _joined_fields([s.reactions[name] for s in segments], REACTION) for name in first.reactions},
         bolts={name: _joined_fields([s.bolts[name] for s in segments], BOLT) for name in first.bolts},
@@ -157,6 +158,20 @@ def _joined_fields(parts: Sequence[Any], table: Rows) -> Any:
     fields = fields_over_time(table, type(parts[0]))
     kept = (name for name in fields if getattr(parts[0], name) is not None)
     return replace(parts[0], **{name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept})
+
+
+def _since_the_start(parts: Sequence[dict[str, Array] | None]) -> dict[str, Array] | None:
+    """Energies of segments that count from the first instant of each, counted from that of the first segment."""
+    terms = [dict(part) for part in parts if part is not None]
+    if not terms:
+        return None
+    stored = float(terms[0]["kinetic"][0] + terms[0]["elastic"][0])
+    for before, part in itertools.pairwise(terms):
+        for name in RUNNING:
+            if name in part:
+                part[name] = part[name] + before[name][-1]
+        part["balance"] = part["balance"] + float(part["kinetic"][0] + part["elastic"][0]) - stored
+    return _joined_energies(terms)
 
 
 def _joined_energies(parts: Sequence[dict[str, Array] | None]) -> dict[str, Array] | None:

@@ -39,9 +39,8 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Make n time steps of a communication step of ``whole``, of which ``before`` are made; how many converged, or a
     negative status, after which the caller restores the state. Row i of the outputs is that after i time steps; row 0,
     that before the first. None: the communication step ends after those made, at its own end before the next instant
-    where ``whole`` is 0. Where fewer converged than n, and always where the caller solves the windows (``by_caller``),
-    the state is that after those which did, and the histories of the others are there: the caller solves the next ones,
-    and has each end (``conclude``), or calls again for the rest with another record of the run."""
+    where ``whole`` is 0. Where fewer converged than n the state is that after those which did: the caller calls again
+    for the rest with another record of the run."""
     run = pools.run[0]
     if n == 0:
         keep_inputs(pools, before, whole, rule)
@@ -50,7 +49,7 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     status = begin_rows(pools, n, rule, before, whole)
     if status != 0:
         return status
-    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)  # none: the caller solves them
+    done = march_instants(pools, 1, n)
     for i in range(1, done + 1):
         count_iterations(pools, i - 1)
         conclude(pools, i, before + i - 1, whole, rule)
@@ -109,18 +108,11 @@ def place(pools: Any) -> int:
 
 
 @kernel
-def present(pools: Any, rule: int, whole: int, by_caller: int) -> int:
+def present(pools: Any, rule: int, whole: int) -> int:
     """Put the outputs of the present state, and its fields at the points, into row 0; before the first time step those
     at t = 0 under the inputs as they are set, where a simulation begins; with ``whole`` under those of a first
-    communication step of so many time steps; of a segment that the caller marches (1), or begins with (2), from the
-    fields and drives in row 0. 0, or a negative status."""
+    communication step of so many time steps. 0, or a negative status."""
     run, moving = pools.run[0], pools.moving
-    if by_caller > 0:
-        if by_caller == 2:
-            open_outputs(pools)
-        row_of_state(pools)
-        set_ratios(pools, 0)
-        return 0
     if whole > 0:
         return open_run(pools, rule, whole)
     if moving[run.progress] > 0.0:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compiled import entry, fields, share
 from .acceleration import difference_parts, shorten, weighted_products
-from .communication import communicate, conclude, place, present
+from .communication import communicate, place, present
 from .derivatives import derive
 from .indicator import class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
@@ -61,10 +61,10 @@ from .tasks import end_class, serve
 START, MARCH, BEGIN, ITERATE, CORRECT, LEAVE, END, FORCES, SERVE = range(9)
 """Actions of ``call`` on a run: begin at t = 0; march windows of one instant; of a window on its own the start, its
 iterations, their correction by the exact motion, their end, the march over an instant; size of the forces; a thread."""
-PRESENT, PLACE, COMMUNICATE, CONCLUDE, FIELDS, DERIVE = range(9, 15)
-TANGENT = 15
+PRESENT, PLACE, COMMUNICATE, FIELDS, DERIVE = range(9, 14)
+TANGENT = 14
 """Actions on communication steps (``communication``): outputs at the present instant; time steps of a step; make them;
-end one that the caller has solved; fields at the points; derivatives of the outputs. March of derivatives by
+fields at the points; derivatives of the outputs. March of derivatives by
 parameters (``tangent_march``)."""
 
 Array = NDArray[np.float64]
@@ -153,7 +153,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     if action == COMMUNICATE:
         return communicate(pools, a, b, c, d)
     if action == PRESENT:
-        return present(pools, a, b, c)
+        return present(pools, a, b)
     if action == PLACE:
         return place(pools)
     if action == DERIVE:
@@ -172,8 +172,6 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         end_at(pools, a, b, c)
     elif action == FORCES:
         force_residual(pools, a)
-    elif action == CONCLUDE:
-        conclude(pools, a, b, c, d)
     elif action == FIELDS:
         gather_fields(pools, a)
     elif action == SERVE:

@@ -1,7 +1,8 @@
 """Outputs of a communication step at its instants, and the fields of the interfaces at their points.
 
 The outputs after a time step are linear in its signals (tractions, velocities, gaps, what sensors and probes read,
-drives, energies), or integrals of others over time (trapezoidal rule). Written here are the smallest gap and the shares
+drives, energies), of which a part may be the mean over two instants, or integrals of others over time (trapezoidal
+rule). Written here are the smallest gap and the shares
 of the contact, which are read point by point, contact events, and the numbers of the iteration.
 """
 
@@ -81,10 +82,25 @@ def gather(pools: Any, row: int) -> None:
         if row > 0:
             moving[run.integral + i] += 0.5 * run.dt * (outputs[of] + moving[at - run.n_output + of])
         outputs[to] = moving[run.integral + i]
+    set_means(pools, row, signals, outputs)
     for i in range(run.n_interface):
         summary = summary_of(pools, i)
         if summary[SMALLEST] >= 0:
             summarise(pools, row, summary, outputs)
+
+
+@kernel
+def set_means(pools: Any, row: int, signals: Array, outputs: Array) -> None:
+    """Let the part of an output that is a mean over the last two instants be that: half of it is the present one, half
+    that before; at t = 0 the present one alone."""
+    run, moving = pools.run[0], pools.moving
+    now = moving[run.lag : run.lag + run.lag_rows]
+    now[:] = 0.0
+    add_matrix(pools, run.lag_rows, run.lag_starts, run.lag_columns, run.lag_values, 1, signals, now)
+    for i in range(run.lag_rows):
+        if row > 0:
+            outputs[pools.fixed_int[run.lag_place + i]] += moving[run.lagged + i] - now[i]
+        moving[run.lagged + i] = now[i]
 
 
 @kernel
@@ -192,7 +208,7 @@ def status_at(pools: Any, row: int, g: int, p: int) -> int:
     return int(contact_status(group.law, traction, parameters, run.no_contact))
 
 
-# -- contact events (``cosim.outputs``) -----------------------------------------------------------------------------
+# -- contact events (``cosim.output_table``) ------------------------------------------------------------------------
 @kernel
 def set_ratios(pools: Any, row: int) -> None:
     """|T| / N of the interfaces at the instant of a row, 0 without pressure."""

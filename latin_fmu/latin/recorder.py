@@ -177,9 +177,6 @@ class Recorder:
     those of interfaces go at ``thinned`` instants when ``in_memory`` holds fewer.
     """
 
-    rows_before = 0
-    """Rows of the image's output that a call of the kernels leaves in front of those of its instants."""
-
     def __init__(
         self,
         assembly: Assembly,

@@ -175,6 +175,11 @@ class RunImage:
         self._use(1)
         self.image.field("scales", 3)[:] = negligible_scales(self.image, one, settings.tolerance)
 
+    @property
+    def probes(self) -> Probes | None:
+        """What the image keeps of the substructures for a recorder beside their energies, None where nothing."""
+        return self._probes
+
     def stages(self, n: int, first: int) -> Stages:
         """Stages of a window of n instants from the instant ``first`` on."""
         if self._exchange is None:
@@ -305,7 +310,6 @@ class RunState(RunImage):
         self.recorder, self.timings = recorder, timings
         self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
         self.marched = self.condensed = 0
-        self._in_rows = False  # instants are in the rows of their numbers
         self._team = Team(self.image, self.settings.threads)
         self.refusals, self._per_instant, self._refused = 0, 0.0, False
         self._still = still(assembly)
@@ -343,17 +347,15 @@ class RunState(RunImage):
         if self.windows:
             self._read_indicator()
 
-    def begin_segment(self, recorder: Recorder | None = None) -> None:
-        """Continue after the assembly has begun a new segment of time; without a recorder the state is left as it is,
-        and the kernels set histories and rows (``kernels.communication``)."""
+    def begin_segment(self, recorder: Recorder) -> None:
+        """Continue after the assembly has begun a new segment of time."""
         self._clear()
         alike, self._still = self._still, still(self.assembly)
         if not (alike and self._still and self.image.begin_alike(len(self.assembly.time))):
             self.image.begin(len(self.assembly.time), histories(self.assembly))
-        if recorder is not None:
-            self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
-            self.recorder = recorder
-            self._begin_recording()
+        self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
+        self.recorder = recorder
+        self._begin_recording()
 
     def _begin_recording(self, accounts: bool = False) -> None:
         """Record the first instant of the segment, with which the accounts of energies begin."""
@@ -363,14 +365,9 @@ class RunState(RunImage):
             self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)
 
-    def _row(self, instant: int) -> int:
-        """Row of the image's output for an instant that the next call of the kernels begins with: behind those in
-        front of it, or that of its number."""
-        return instant if self._in_rows else self.recorder.rows_before
-
     def _set_first_row(self, instant: int) -> None:
         """Let the next call of the kernels begin its output with an instant."""
-        self.image.set({"first_row": instant - self._row(instant)})
+        self.image.set({"first_row": instant})
 
     def _record_instant(self, _: int) -> None:
         """Record the present instant, which the last call of the kernels has marched."""

@@ -101,21 +101,20 @@ class TangentRun(RunState):
         SolverError : an instant has no unique derivative.
         """
         image, first = self.image, self.assembly.instant + 1
-        row = self._row(first)
-        n = min(image.rows - row, self.assembly.n_instant + 1 - first)
+        n = min(image.rows, self.assembly.n_instant + 1 - first)
         self._set_first_row(first)
         image.write()
         for g, group in enumerate(self._solved.assembly.layout.groups):
-            self._give(g, group, first, slice(row, row + n))
+            self._give(g, group, first, slice(n))
         if forces is not None:
-            forces(n, row)
+            forces(n, 0)
         done = image.call(entries.TANGENT, first, n)
         if done < n:
             time = self.assembly.time[first + done]
             raise SolverError(f"the derivatives by parameters have no unique value at t = {time:.6g} s")
         self._set_instant(first + n - 1)
-        self._record(n, row)
-        return first, n, row
+        self._record(n)
+        return first, n, 0
 
     def _give(self, g: int, group: Group, first: int, rows: slice) -> None:
         """Write what the kernels take of the laws of a group at the instants from ``first`` on into rows of the

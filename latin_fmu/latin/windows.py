@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -21,7 +22,7 @@ from ..interface.laws import bonds
 from ..kernels import entries
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, pays
-from .outcome import Timings, WindowRecord
+from .outcome import Timings
 from .part import Part
 from .recorder import Recorder
 from .run_image import rules
@@ -222,8 +223,7 @@ class Run(WindowRun):
         longest = _FIRST if self._max_cpu is None else 1
         if self._per_instant > 0:
             longest = max(1, int(_SECONDS / self._per_instant))
-        row = self._row(first)
-        rows = image.rows - row
+        rows = image.rows
         n = min(n, rows, longest, rows if self._sequence is not None else self._until(first))
         if self._max_cpu is not None:
             n = int(self._least(n))  # calls of one length, as the limit is looked at between them
@@ -231,7 +231,7 @@ class Run(WindowRun):
         with self._team.at_work():
             done = image.call(entries.MARCH, first, n)
         if done:
-            self.keep_marched(first, done, row)
+            self.keep_marched(first, done)
         self._refused, self.refusals = done < n, self.refusals + (done < n)
         self._count(cpu)
         self._per_instant = (clock.perf_counter() - wall) / max(done, 1)
@@ -248,33 +248,19 @@ class Run(WindowRun):
         self.windows.keep(first, counts, errors, residuals, image.field("defects", n))
         self._read_indicator()
 
+    @property
+    def several(self) -> bool:
+        """Whether several threads march it."""
+        return self._team.several
+
+    def at_work(self) -> AbstractContextManager[None]:
+        """Context of calls of the kernels by another caller, which the threads of the run share."""
+        return self._team.at_work()
+
     def _until(self, first: int) -> int:
         """Instants from ``first`` on that may be solved before something is kept or looked at."""
         until = min(self.recorder.until_fields(), SAMPLED - (first - 1) % SAMPLED)
         return until if self._monitor is None else min(until, self._monitor.instants(self))
-
-    def communicate(self, n: int, rule: int, before: int, whole: int) -> int:
-        """Make n time steps of a communication step (``kernels.communication.communicate``); how many converged."""
-        image, exact = self.image, self.refusals > MOST_REFUSALS
-        if exact or image.bound != ONE:
-            self._use(min(self.settings.window or n, image.window), exact)
-        if not self._team.several:
-            return image.call(entries.COMMUNICATE, n, rule, before, whole)
-        with self._team.at_work():
-            return image.call(entries.COMMUNICATE, n, rule, before, whole)
-
-    def solve_rows(self, first: int, n: int, done: int) -> WindowRecord:
-        """Solve and record the window of the n rows from ``first`` on, whose histories ``communicate`` has set;
-        ``done`` : instants of the segment before row 1."""
-        self._set_instant(first - 1)
-        self._in_rows, self._refused, self.refusals = True, self.marches, self.refusals + self.marches
-        try:
-            record = self.advance(n, len(self.windows), self.assembly.n_instant)
-        finally:
-            self._in_rows = False
-        record.first_instant, record.last_instant = done + first, done + first + n - 1
-        self._set_instant(done + self.assembly.instant)
-        return record
 
     # -- first guesses and fall-backs of windows --------------------------------------------------------------------
     def _sequential_guess(self, n: int) -> Array | None:

@@ -12,7 +12,6 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from ..cosim.variable import Variable, input_of, variable_of
-from ..cosim.variable_store import ERROR, Log, VariableStore, exception_barrier
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed, unlike
 from .equations import (
     DAMPING,
@@ -27,6 +26,7 @@ from .equations import (
     ReducedSystem,
     Regularisation,
 )
+from .variable_store import ERROR, Log, VariableStore, exception_barrier
 
 _STATE = "state of a reduced model"
 
@@ -102,7 +102,7 @@ class ReducedModelInstance:
 
     Attributes
     ----------
-    names : of all variables. phase : state of the state machine of the FMI, as in ``cosim.fmi_instance``.
+    names : of all variables. phase : state of the state machine of the FMI, as in cosim/runtime/instance.h.
     """
 
     def __init__(self, system: ReducedSystem, names: Names, log: Log) -> None:

@@ -351,6 +351,11 @@ class Image:
             self._write_records()
 
     # -- use ----------------------------------------------------------------------------------------------------
+    def work_on(self, moving: Array) -> None:
+        """Let functions that the kernels call find their numbers in another moving block of this layout, which a caller
+        beside Python hands to the kernels."""
+        self.moving, self._views = moving, {}
+
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
         """Do an action of ``kernels.entries``; what it returns."""
         self.write()

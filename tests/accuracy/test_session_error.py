@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.step_history import AcceptedStep, curves_of
-from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, PRESCRIBED, RATE, table_of
+from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, PRESCRIBED, RATE
 from latin_fmu.results.estimates import ErrorEstimate
 from latin_fmu.results.quantities_of_interest import FLOOR
 from latin_fmu.scene.schema import Scene
@@ -136,28 +134,3 @@ def test_what_is_not_known_is_not_estimated() -> None:
     moved = Session(uneven.scene, uneven.settings)
     moved.restore(uneven.snapshot())
     assert "a state was restored" in moved.estimate_error().remarks[0]
-
-
-def test_the_host_finds_the_estimate_in_the_results_file(tmp_path: Path) -> None:
-    """Requested by a parameter; without a results file a warning reports that there is no place for it."""
-    scene = with_law(KNOWN, "input")
-    heard: list[str] = []
-    instance = FmiInstance(table_of(scene), lambda: scene, lambda _, text: heard.append(text))
-    place = {v.name: i for i, v in enumerate(instance.table)}
-    instance.set([place["estimateError"]], [1])
-    assert instance.initialize()
-    assert any("no effect without resultsFile" in text for text in heard)
-    instance.clear()
-    heard.clear()
-    file = tmp_path / "session.nc"
-    instance.set([place["estimateError"], place["load.push.value"]], [1, 0.5])
-    instance.set_texts([place["resultsFile"]], [str(file)])
-    assert instance.initialize()
-    for i in range(20):
-        assert instance.step(0.1 * i, 0.1)
-    assert instance.terminate()
-    assert not [text for text in heard if not text.startswith("material ")]  # of the units of the benchmark
-    tree = latin_fmu.open_results(file)
-    assert float(tree["accuracy"]["relative_error"].sel(quantity="meet.impulse")) > 0.0
-    assert tree["exchange"].sizes["time"] == 20
-    tree.close()

@@ -7,11 +7,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.assembly.segments import Segment
 from latin_fmu.cosim import Session
-from latin_fmu.cosim.kernel_steps import Origin
-from latin_fmu.cosim.loads import GridPart, Loads
-from latin_fmu.cosim.windowed import Windowed
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, Material, column, half_sine
 
@@ -51,27 +47,10 @@ def bar(**changes: Any) -> Scene:
     return latin_fmu.scene_from_dict(data | changes)
 
 
-def by_python(session: Session) -> Session:
-    """Let every step of a session in windowed mode, after its initialization, be made as a segment of a run: histories
-    from the laws of the scene (``Timeline``), marched without communication steps."""
-    mode = session._mode
-    assert isinstance(mode, Windowed)
-    kernels = mode.kernels
-
-    def given_up(loads: Loads, part: GridPart, _early: bool) -> None:
-        run = mode.run
-        state = run.get_state() if run.made else {"made": 0, "state": np.zeros(0)}
-        kernels.begun, kernels._ends = Origin(state, loads, part, part.n), part.n
-
-    def recorded(_early: bool = False) -> Segment:
-        step, run = kernels.begun, mode.run
-        assert step is not None
-        run.set_state(step.state if step.state["made"] else None)
-        loads = step.loads.driving(step.part, run.dt, mode.rule)
-        end, recorder = (run.made + step.n) * run.dt, mode._outputs.recorder(loads)
-        with np.errstate(all="ignore"):
-            return run.advance(end, step.n, loads, recorder=recorder)
-
-    kernels.march, kernels.recorded = given_up, recorded  # type: ignore[method-assign,assignment]
-    kernels.accept = lambda loads: loads.accept(kernels.begun.part, mode.run.dt, mode.rule)  # type: ignore
-    return session
+def driven(session: Session, n: int) -> np.ndarray:
+    """Amplitudes (n, n_source) that drove a session at the ends of the n time steps of its last step."""
+    run = session._solver.run
+    assert run is not None
+    n_source, width = int(run.image.run[0]["n_source"]), int(run.image.run[0]["n_drive"])
+    rows = run.image.field("drive", run.image.rows, width)[1 : n + 1]
+    return rows[:, width - 1 - n_source : width - 1].copy()

@@ -10,7 +10,7 @@ import pytest
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.variables import PRESCRIBED
-from latin_fmu.kernels.inputs import REACHED
+from latin_fmu.kernels.inputs import N_MEMORY, REACHED
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, column, rubbing
 from tests.scenes import given_motion
@@ -200,5 +200,7 @@ def test_an_early_end_keeps_the_loads_of_the_part_that_was_made() -> None:
     assert report.early == pytest.approx(0.2e-6)
     step = session.step_history.head.step
     assert (step.end, step.rate["press"]) == (report.early, 2e5)
-    assert session._loads.memory[REACHED, 0] == pytest.approx(0.5 + 0.2e-6 * 2e5)
+    run = session._solver.run
+    assert run is not None
+    assert run.image.field("inputs", N_MEMORY, 1)[REACHED, 0] == pytest.approx(0.5 + 0.2e-6 * 2e5)
     assert session.time == session.window()[0][-1] == report.early

@@ -10,13 +10,12 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import GridPart, Loads, given_rows, read_histories
 from latin_fmu.cosim.variables import CAUSAL, HOLD, PRESCRIBED, RATE
-from latin_fmu.errors import InputError
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, column
 
 from .scenes import blocks
+from .segments import GridPart, Loads
 
 H = 1e-6
 SOFT = Material(1.0, 1.0)
@@ -123,60 +122,3 @@ def test_steps_keep_the_rates_of_the_line() -> None:
         assert second.step(i * H, H)
     assert np.array_equal(first.row, second.row)
     assert first.dataset()["exchange"]["load_press_rate"].values[2] > 0.0
-
-
-# -- tables -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("mark", ["\n", ";", "\r\n", " ; "])
-def test_a_text_is_a_table(tmp_path, mark) -> None:
-    rows = ["time, press", "0.0,0.5", "1e-6,1.5"]
-    times, values = read_histories(mark.join(rows), ["press"])["press"]
-    file = tmp_path / "loads.csv"
-    file.write_text("\n".join(rows))
-    expected = read_histories(file, ["press"])["press"]
-    assert np.array_equal(times, expected[0])
-    assert np.array_equal(values, expected[1])
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("time,press;", "no rows of numbers"),
-        ("t,press;0,1;1,2", "no time column"),
-        ("time,pres;0,1;1,2", "column 'pres': no load of this name is set from outside; allowed: press"),
-        ("time,press;0,1;1", "row 3 has 1 columns, the header 2"),
-        ("time,press;0,1;1,x", "row 3 is not a row of numbers"),
-        ("time,press;0,1;1,nan", "not a finite number"),
-        ("time,press;0,1;0,2", "times do not increase strictly"),
-        ("time,press,press;0,1,1;1,2,2", "two columns have the same name"),
-        ("time,press", "or the table itself"),
-        ("x" * 5000, "no path of a file"),
-    ],
-)
-def test_a_table_that_cannot_be_used_says_why(text, words) -> None:
-    with pytest.raises(InputError) as caught:
-        read_histories(text, ["press"])
-    assert words in str(caught.value)
-
-
-def test_arrays_repeat_their_last_row() -> None:
-    times, values = np.array([0.0, 1.0, 3.0, 3.0, 3.0]), np.array([0.1, 0.2, 0.3, 0.3, 0.3])
-    given = given_rows(times, {"press": values})["press"]
-    assert [list(part) for part in given] == [[0.0, 1.0, 3.0], [0.1, 0.2, 0.3]]
-    whole = given_rows(times[:3], {"press": values[:3]})["press"]
-    assert [list(part) for part in whole] == [[0.0, 1.0, 3.0], [0.1, 0.2, 0.3]]
-    assert given_rows(np.zeros(5), {"press": np.full(5, 0.25)}) == {}
-    assert given_rows(np.zeros(5), {}) == {}
-
-
-@pytest.mark.parametrize(
-    ("times", "values", "words"),
-    [
-        ([0.0, 0.0, 0.0], [0.0, 1.0, 1.0], "history.time: all instants are equal"),
-        ([0.0, 1.0, 1.0], [0.0, 1.0, 0.0], "element 2 and those after it belong to one instant"),
-        ([0.0, 1.0, 0.0], [0.0, 1.0, 0.0], "do not increase strictly"),
-        ([0.0, 1.0, math.nan], [0.0, 1.0, 0.0], "not a finite number"),
-    ],
-)
-def test_arrays_that_cannot_be_used_say_why(times, values, words) -> None:
-    with pytest.raises(InputError, match=words):
-        given_rows(np.array(times), {"press": np.array(values)})

@@ -1,9 +1,8 @@
-"""Sessions by communication steps in kernels against segments of a run, along random walks.
+"""Sessions against segments of a run, along random walks.
 
-Three sessions take the same steps: one straight on, one that makes other steps in between and takes them back, goes on
-from bytes or in a session that was opened anew, and one whose steps are segments of a run (``scenes.by_python``). The
-first two are equal bit for bit, the third but for the order of sums. Limit, set before the runs: that of
-``test_communication``.
+Two sessions take the same steps: one straight on, one that makes other steps in between and takes them back, goes on
+from bytes or in a session that was opened anew; so does a run by segments (``segments``). The first two are equal bit
+for bit, the third but for the order of sums. Limit, set before the runs: that of ``test_communication``.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ import pytest
 
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.variables import CAUSAL, LINE, RATE
-from latin_fmu.latin.windows import Run
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import half_sine
 
 from . import test_driven as driven
 from . import test_ports as ports
-from .scenes import blocks, by_python
+from .scenes import blocks
+from .segments import Segments
 from .test_communication import LIMIT, WITHOUT_INERTIA, peaks_apart
 
 STEPS = 14
@@ -72,8 +71,6 @@ WALKS: Mapping[str, tuple[Any, Mapping[str, tuple[float, float]], float]] = {
     "fields": (lambda: blocks(time=LONG, output={"fields": True, "every": 2, "energy": True}), PRESS, LIMIT),
     "reduced": (lambda: blocks(time=LONG, solver={"propagator": {"type": "reduced", "modes": 20}}), PRESS, LIMIT),
     "explicit": (lambda: blocks(time={"end": 20e-6, "step": 0.1e-6}, solver={"propagator": "explicit"}), PRESS, LIMIT),
-    "windows": (lambda: blocks(time=LONG, solver={"window": 3}), PRESS, LIMIT),
-    "whole windows": (lambda: blocks(time=LONG, solver={"window": "whole"}), PRESS, LIMIT),
     "gradients": (lambda: blocks(time=LONG, solver={"propagator": "cg"}), PRESS, GRADIENTS),
     "moved": (moved_bar, {"port.foot.velocity[3]": (0.0, 0.05)}, LIMIT),
     "held": (held_blocks, PRESS, WITHOUT_INERTIA),
@@ -88,27 +85,32 @@ WALKS: Mapping[str, tuple[Any, Mapping[str, tuple[float, float]], float]] = {
 
 
 class Walk:
-    """The three sessions, and their rows."""
+    """The two sessions and the segments, and their rows."""
 
     def __init__(self, scene: Scene, inputs: Mapping[str, tuple[float, float]], seed: int, keep: bool) -> None:
         self.draw, self.inputs, self.scene = np.random.default_rng(seed), inputs, scene
         self.settings = Settings(interpolation=(CAUSAL, RATE, LINE)[seed % 3], keep=keep)
         self.dt, self.t = scene.time.time_step, (0.0, 3.0 * scene.time.time_step)[seed % 2]
-        self.sessions = [Session(scene, self.settings) for _ in range(3)]
-        for session in self.sessions:
-            for name in inputs:
+        self.sessions = [Session(scene, self.settings) for _ in range(2)]
+        self.known = Segments(scene, self.settings.interpolation)
+        for name in inputs:
+            self.known.loads.set(name, 0.0)
+            for session in self.sessions:
                 session.set_load(name, 0.0)
+        self.known.initialize(self.t)
+        for session in self.sessions:
             session.initialize(self.t)
-        by_python(self.sessions[2])
         self.rows: list[list[np.ndarray]] = [[], []]
         self.start, self.straight = self.t, inputs is PRESS  # a load along N alone
 
-    def give(self, sessions: list[Session]) -> None:
+    def give(self, sessions: list[Session], known: Segments | None = None) -> None:
         for name, (low, high) in self.inputs.items():
             value = float(self.draw.uniform(low, high))
             rate = float(self.draw.choice([0.0, (high - low) / (5.0 * self.dt)])) if self.draw.random() < 0.3 else 0.0
             for session in sessions:
                 session.set_load(name, value, rate)
+            if known is not None:
+                known.loads.set(name, value, rate)
 
     def size(self) -> float:
         """Of a step: one time step, several, more than one call of the kernels makes, or none of them."""
@@ -133,25 +135,25 @@ class Walk:
     def step(self) -> None:
         if self.draw.random() < 0.5:
             self.stray()
-        self.give(self.sessions)
+        self.give(self.sessions, self.known)
         h = self.size()
-        reports = [session.step(self.t, h) for session in self.sessions]
-        assert len({report.accepted for report in reports}) == 1, [report.message for report in reports]
+        reports, trouble = [session.step(self.t, h) for session in self.sessions], self.known.step(self.t, h)
+        assert {report.accepted for report in reports} == {not trouble}, [trouble, *(r.message for r in reports)]
         self.t = self.t + h * reports[0].accepted
-        straight, other, python = (session.row for session in self.sessions)
+        straight, other = (session.row for session in self.sessions)
         assert np.array_equal(straight, other)
-        self.rows[0].append(python)
+        self.rows[0].append(self.known.row)
         self.rows[1].append(straight)
 
     def assert_agrees(self, limit: float) -> None:
-        straight, other, python = self.sessions
+        straight, other = self.sessions
         known, got = (np.array(rows) for rows in self.rows)
         apart = peaks_apart(straight.table, known, got, self.t - self.start)
         if self.straight:  # the instant of a slip follows from |T| / N, and this resultant T is round-off
             apart = {name: value for name, value in apart.items() if not name.endswith(".lastSlip")}
         worst = max(apart, key=lambda name: apart[name])
         assert apart[worst] <= limit, (worst, apart[worst])
-        known_fields, own_fields = python.window()[1], straight.window()[1]
+        known_fields, own_fields = self.known.histories, straight.window()[1]
         for field in ("traction", "velocity", "gap", "contact_status"):
             values = {n: f for n, h in known_fields.items() if (f := getattr(h, field)) is not None}
             scale = max((np.abs(f).max(initial=0.0) for f in values.values()), default=0.0)
@@ -179,44 +181,15 @@ def test_a_random_walk_is_that_of_segments(name, seed, keep):
     walk.assert_agrees(limit)
 
 
-def test_time_steps_that_the_kernels_leave_are_solved_in_their_rows(monkeypatch):
-    """As those that need a fall-back; here of calls that are made to leave them: of the march, and of its recording."""
-    walk, calls, left = Walk(blocks(time=LONG, output={"energy": False}, **FREE), PRESS, 0, False), [0], []
-    communicate, solve_rows = Run.communicate, Run.solve_rows
-
-    def leaves(run: Run, *arguments: int) -> int:
-        calls[0] += 1
-        run.image.set({"by_caller": int(calls[0] % 5 in (3, 4))})
-        return communicate(run, *arguments)
-
-    def solves(run: Run, *arguments: int) -> Any:
-        left.append(arguments)
-        return solve_rows(run, *arguments)
-
-    monkeypatch.setattr(Run, "communicate", leaves)
-    monkeypatch.setattr(Run, "solve_rows", solves)
-    session, known = walk.sessions[0], walk.sessions[2]
-    for i in range(STEPS):
-        walk.give([session, known])
-        h = (1, 4)[i % 2] * walk.dt
-        for own in (session, known):
-            assert own.step(walk.t, h)
-        walk.t = walk.t + h
-        walk.rows[0].append(known.row)
-        walk.rows[1].append(session.row)
-    assert len(left) >= STEPS // 4
-    walk.sessions[1] = session
-    walk.assert_agrees(LIMIT)
-
-
 def test_a_step_beyond_the_laws_of_the_scene_is_made():
     """Their tables end with the scene, and are made anew beyond."""
     walk = Walk(blocks(), PRESS, 0, False)
     for _ in range(34):
-        walk.give(walk.sessions)
+        walk.give(walk.sessions, walk.known)
+        assert not walk.known.step(walk.t, walk.dt)
         for session in walk.sessions:
             assert session.step(walk.t, walk.dt)
         walk.t = walk.t + walk.dt
-        walk.rows[0].append(walk.sessions[2].row)
+        walk.rows[0].append(walk.known.row)
         walk.rows[1].append(walk.sessions[0].row)
     walk.assert_agrees(LIMIT)

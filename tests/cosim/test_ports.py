@@ -16,10 +16,11 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import GridPart, Loads
 from latin_fmu.cosim.variables import HOLD, RATE
 from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 from latin_fmu.stability.scenes import Box, Material, column
+
+from .segments import GridPart, Loads
 
 E, RHO, SIDE, EDGE = 200e9, 8000.0, 0.01, 0.01
 C, AREA = np.sqrt(E / RHO), SIDE**2

@@ -48,12 +48,12 @@ def test_sensors_are_the_fields_of_a_plain_run_at_their_nodes(output, whole):
 
 
 def test_only_what_the_scene_wants_is_kept(whole):
-    assert solved({})._mode.segment.substructures == {}
-    energy = solved({"energy": True})._mode.segment.substructures["upper"]
+    assert "substructures" not in solved({}).dataset()
+    energy = solved({"energy": True})._solver.segments[0].substructures["upper"]
     assert energy.displacement is None
     assert len(energy.energy["kinetic"]) == 31
-    fields = solved({"fields": True, "every": 7})._mode.segment.substructures["upper"]
+    fields = solved({"fields": True, "every": 7})._solver.segments[0].substructures["upper"]
     assert fields.time == pytest.approx(whole.substructures["upper"].time[::7])
     assert np.array_equal(fields.velocity, whole.substructures["upper"].velocity[::7])
-    stress = solved({"stress": True, "every": 7})._mode.segment.substructures["upper"]
+    stress = solved({"stress": True, "every": 7})._solver.segments[0].substructures["upper"]
     assert len(stress.stress) == len(stress.time) == 5

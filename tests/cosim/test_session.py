@@ -10,10 +10,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import GridPart
 from latin_fmu.errors import InputError, SolverError
 
-from .scenes import bar, blocks
+from .scenes import bar, blocks, driven
 
 H = 1e-6
 FORCE = [f"interface.crush.force[{i}]" for i in (1, 2, 3)]
@@ -111,14 +110,15 @@ def test_prescribed_refuses_changed_inputs():
     assert session.step(0.0, 1e-7)
 
 
-@pytest.mark.parametrize(("rule", "expected"), [(0, [0.5, 0.5]), (1, [0.5, 0.75]), (2, [0.25, 0.5])])
+@pytest.mark.parametrize(
+    ("rule", "expected"), [(0, [0.5] * 5), (1, [0.55, 0.6, 0.65, 0.7, 0.75]), (2, [0.3, 0.35, 0.4, 0.45, 0.5])]
+)
 def test_loads_inside_a_step(rule, expected):
     session = Session(blocks(), Settings(interpolation=rule))
     session.initialize()
     session.set_load("press", 0.5, 0.25 / H)
-    amplitude = session._loads.driving(GridPart(4, 0.0), H / 4, session.settings.interpolation)["press"]
-    assert amplitude[[0, -1]] == pytest.approx(expected)
-    assert np.diff(amplitude) == pytest.approx(np.full(4, (expected[1] - expected[0]) / 4))
+    assert session.step(0.0, H)
+    assert driven(session, 5)[:, 0] == pytest.approx(expected)
 
 
 def test_lines_join():
@@ -128,8 +128,8 @@ def test_lines_join():
     session.set_load("press", 0.5)
     assert session.step(0.0, H)
     session.set_load("press", 0.1)
-    line = session._loads.driving(GridPart(2, 0.0), H / 2, session.settings.interpolation)["press"]
-    assert line == pytest.approx([0.5, 0.3, 0.1])
+    assert session.step(H, 0.4e-6)
+    assert driven(session, 2)[:, 0] == pytest.approx([0.3, 0.1])
 
 
 @pytest.mark.parametrize(
@@ -223,8 +223,32 @@ def test_prescribed_without_convergence_raises():
 
 def test_settings_out_of_range_are_listed():
     with pytest.raises(InputError) as caught:
-        Session(blocks(), Settings(mode=7, interpolation=9, time_step=-1.0, end_time=math.nan, tolerance=0.0))
-    assert len(caught.value.problems) == 5
+        Session(blocks(), Settings(time_step=-1.0, end_time=math.nan, tolerance=0.0))
+    assert len(caught.value.problems) == 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [(Settings(mode=7), "mode: no such choice"), (Settings(interpolation=9), "inputInterpolation: no such choice")],
+)
+def test_choices_that_are_none_are_refused_at_the_start(settings, words):
+    session = Session(blocks(), settings)
+    with pytest.raises(InputError, match=words):
+        session.initialize()
+    assert not session.step(0.0, H)
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "words"),
+    [
+        ([0.0, 1.0], [0.0], "lists of one length"),
+        ([0.0, math.nan], [0.0, 1.0], "row 2 is not a pair of finite numbers"),
+        ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "the times must increase strictly; row 3"),
+    ],
+)
+def test_histories_that_cannot_be_are_refused(times, values, words):
+    with pytest.raises(InputError, match=words):
+        Session(blocks(), Settings(mode=1)).set_history("press", times, values)
 
 
 def test_unknown_names():

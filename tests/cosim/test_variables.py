@@ -70,7 +70,7 @@ def test_outputs_of_an_interface_are_those_of_its_points():
     session.initialize()
     for step in range(8):
         assert session.step(step * 0.4e-6, 0.4e-6)
-    points = FacePoints.over(session._mode.interfaces["crush"])
+    points = FacePoints.over(session.window()[1]["crush"])
     compared = [row for row in INTERFACE.rows if row.of]
     assert len(compared) == len(INTERFACE.rows) - 1
     for row in compared:

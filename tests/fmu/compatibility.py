@@ -249,7 +249,7 @@ def models(folder: Path, files: Sequence[Path]) -> Iterator[tuple[str, ...]]:
     for file in files:
         name = f"{file.parent.name}/{file.stem}"
         inputs = with_inputs(latin_fmu.load_scene(file), ["all"])
-        carried = {kind: reference_of(inputs.scene, inputs.laws, compiled=kind == "compiled").files for kind in KINDS}
+        carried = {kind: reference_of(inputs.scene, inputs.laws).files for kind in KINDS}
         results = []
         for fmi in VERSIONS:
             for kind in KINDS:

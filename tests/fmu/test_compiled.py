@@ -19,13 +19,15 @@ from fmpy.fmi1 import FMICallException
 import fmu_build.build
 from fmu_build.build import build_fmu, compiled_files
 from fmu_build.checks import validate
-from fmu_build.compiled import HEADER, checksum, libraries
+from fmu_build.compiled import libraries
 from latin_fmu import load_scene, open_results, solve
 from latin_fmu.aot import linking
 from latin_fmu.cli import main
+from latin_fmu.cosim import runtime
 from latin_fmu.cosim.input_table import with_laws
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
+from latin_fmu.cosim.table_file import HEADER, checksum
 from latin_fmu.errors import InputError
 from latin_fmu.scene.laws import TableLaw
 from latin_fmu.scene.schema import Scene
@@ -95,7 +97,7 @@ def test_the_archive_of_the_crushing_is_small(tmp_path):
 
 
 def test_a_library_without_these_functions_is_not_used(monkeypatch):
-    monkeypatch.setattr(linking, "functions_digest", lambda: "of other C files")
+    monkeypatch.setattr(runtime, "digest", lambda: "of other C files")
     with pytest.raises(InputError, match="the library of compiled kernels is missing here; install a wheel"):
         libraries()
     for portable in (False, True):
@@ -394,7 +396,7 @@ def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi):
 
 
 def test_the_header_of_the_table_is_that_of_the_c_files():
-    text = (Path(linking.__file__).parents[2] / "fmu_build" / "compiled" / "compiled.h").read_text()
+    text = (runtime.HERE / "runtime.h").read_text()
     names = text.split("enum {")[1].split("}")[0].replace("\n", " ").split(",")
     assert [name.strip().removeprefix("T_").lower() for name in names] == [*HEADER, "header"]
 

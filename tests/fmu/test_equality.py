@@ -61,10 +61,11 @@ def test_prescribed_from_a_file(opened, fmi, tmp_path):
 
 @pytest.fixture
 def near(made, fmus) -> Callable[[Any, Any], None]:
-    """Check numbers of an FMU: with Python those of the session to the last digit, compiled 1e-9 of the largest."""
+    """Check arrays of an FMU: with Python those of the session but for the order of sums over the points, compiled 1e-9
+    of the largest."""
 
     def check(found: Any, wanted: Any) -> None:
-        limit = 0.0 if made is fmus else 1e-9 * np.nanmax(np.abs(wanted))
+        limit = (1e-12 if made is fmus else 1e-9) * np.nanmax(np.abs(wanted))
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=limit)
 
     return check
@@ -127,7 +128,8 @@ def test_a_prescribed_run_is_in_its_file_without_a_step(opened, fmi, tmp_path):
     session.set_history("press", [0.0, 3e-6], [0.0, 1.0])
     session.initialize()
     with latin_fmu.open_results(tmp_path / "window.nc") as tree:
-        assert np.array_equal(tree["interfaces/crush"]["force"].values, session.window()[1]["crush"].force())
+        force = session.window()[1]["crush"].force()
+        assert np.abs(tree["interfaces/crush"]["force"].values - force).max() <= 1e-12 * np.abs(force).max()
 
 
 def test_prescribed_from_netcdf(opened, tmp_path):
@@ -191,7 +193,8 @@ def test_arrays_of_the_size_they_have(fmus, opened):
     time, interfaces = session.window()
     assert host.read(["window.count"]) == len(time) == 31
     assert np.array_equal(host.array("window.time", 31), time)
-    assert np.array_equal(host.array("interface.crush.window.force", 93).reshape(31, 3), interfaces["crush"].force())
+    force = interfaces["crush"].force()
+    assert np.abs(host.array("interface.crush.window.force", 93).reshape(31, 3) - force).max() <= 1e-12 * force.max()
     assert host.array("interface.crush.window.closed", 31)[0] == session.value("interface.crush.closed")
     given = {"mode": 1, "history.time": times, "load.press.history": values}
     assert session.step(0.0, 3e-6)

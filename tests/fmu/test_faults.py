@@ -22,8 +22,6 @@ from fmu_build.adapter import CoSimulationAdapter, ModelExchangeAdapter, check_p
 from fmu_build.build import build_fmu
 from fmu_build.drive import described
 from latin_fmu import InputError
-from latin_fmu.cosim.fmi_instance import FmiInstance
-from latin_fmu.cosim.variables import table_of
 from tests.cosim.scenes import bar, blocks
 
 H = 0.6e-6
@@ -101,23 +99,7 @@ def test_results_file(opened, fmi, tmp_path):
     assert not file.exists()
     host.fmu.terminate()
     tree = open_results(file)
-    assert tree["exchange"]["time"].values == pytest.approx([H, 2 * H])
-    tree.close()
-
-
-def test_estimated_errors_in_the_results_file(opened, fmi, tmp_path):
-    from latin_fmu import open_results
-
-    file = tmp_path / "out.nc"
-    host = opened(fmi)
-    host.set(resultsFile=str(file), estimateError=1, load__press__value=1.0)
-    host.start()
-    for i in range(8):
-        assert host.step(i * H, H)
-    host.fmu.terminate()
-    assert not host.messages
-    tree = open_results(file)
-    assert "crush.impulse" in tree["accuracy"]["quantity"].values
+    assert tree["interfaces/crush"]["time"].values == pytest.approx(np.linspace(0.0, 2 * H, 7))
     tree.close()
 
 
@@ -193,8 +175,8 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
 
     def changed():
         files = real()
-        text = files["latin_fmu/cosim/windowed.py"].decode()
-        return {**files, "latin_fmu/cosim/windowed.py": (text + "\nOTHER = True\n").encode()}
+        text = files["latin_fmu/cosim/image_maker.py"].decode()
+        return {**files, "latin_fmu/cosim/image_maker.py": (text + "\nOTHER = True\n").encode()}
 
     monkeypatch.setattr("fmu_build.build.package_files", changed)
     other = build_fmu(blocks(), tmp_path / "other.fmu", fmi, python=True)
@@ -207,7 +189,7 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
         roots = [next(n.split("/")[1] for n in z.namelist() if n.startswith("resources/latin_fmu_")) for z in (a, b)]
     assert roots[0] != roots[1]
     for root, other_version in zip(roots, (False, True), strict=True):
-        assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.windowed"], "OTHER") == other_version
+        assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.image_maker"], "OTHER") == other_version
 
 
 def test_fifty_instances(opened):
@@ -278,16 +260,6 @@ def test_parameters_that_make_no_sense(opened, fmi, given, words):
     assert_failed(host, words)
 
 
-def test_a_mode_between_two_modes():
-    """FMI 2 and 3 pass whole numbers only; a caller in Python is refused."""
-    scene, heard = blocks(), []
-    instance = FmiInstance(table_of(scene), lambda: scene, lambda level, text: heard.append((level, text)))
-    place = {v.name: i for i, v in enumerate(instance.table)}
-    instance.set([place["mode"]], [0.5])
-    assert heard == [(3, "mode = 0.5 was not set: give a whole number")]
-    assert instance.get([place["mode"]]) == [0.0]
-
-
 def changed(fmu: Path, target: Path, name: str, change) -> Path:
     """The FMU with another content of one file."""
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w") as new:
@@ -300,7 +272,7 @@ def changed(fmu: Path, target: Path, name: str, change) -> Path:
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
-        ("resources/variables.json", lambda c: c[: len(c) // 2], "resources/variables.json is missing or was changed"),
+        ("resources/variables.bin", lambda c: c[: len(c) // 2], "variables.bin is damaged"),
         (
             "resources/scene/scene.toml",
             lambda c: c.replace(b"0.2", b"0.3"),

@@ -130,17 +130,12 @@ def test_a_step_without_convergence_ends_the_reference_run():
     assert "no convergence" in made.said
 
 
-@COMPILED
-def test_of_a_compiled_fmu_time_steps_are_solved_one_by_one():
-    """As the compiled FMU solves them; the scene has them solved at once, to its tolerance."""
+def test_time_steps_are_solved_one_by_one_whatever_the_window():
+    """As an FMU solves them; a run may have them solved at once, to its tolerance."""
     time = {"end": 24e-6, "step": 0.2e-6}  # three of them in a communication step
     scenes = [blocks(solver={"window": window, "tolerance": 1e-3}, time=time) for window in ("whole", 1)]
-    name = f"{FOLDER}/blocks_ref.csv"
-    compiled, stepped, at_once = (
-        reference_of(scene, compiled=compiled).files[name]
-        for scene, compiled in ((scenes[0], True), (scenes[1], False), (scenes[0], False))
-    )
-    assert compiled == stepped != at_once
+    one, other = (reference_of(scene).files[f"{FOLDER}/blocks_ref.csv"] for scene in scenes)
+    assert one == other
 
 
 @COMPILED

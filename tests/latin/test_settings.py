@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.cosim.fmi_instance import FmiInstance
-from latin_fmu.cosim.variables import table_of
 from latin_fmu.latin.settings import ITERATION_SHARE, accuracy_of, tolerance_for
-from latin_fmu.results.quantities_of_interest import IMPULSE, QUANTITIES_OF_INTEREST
-
-from ..cosim.scenes import blocks
+from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST
 
 
 @pytest.mark.parametrize("accuracy", [0.2, 0.01, 3e-5])
@@ -29,13 +25,3 @@ def test_there_and_back_is_the_same_number() -> None:
     random = np.random.default_rng(1).uniform(size=200)
     back = [tolerance_for(accuracy_of(t)) for t in random]
     assert np.allclose(back, random, rtol=1e-11)
-
-
-def test_the_host_comes_through_it() -> None:
-    scene = blocks()
-    instance = FmiInstance(table_of(scene), lambda: scene, lambda *_: None)
-    written = instance.settings().tolerance
-    instance.setup(0.0, 0.005)
-    assert instance.settings().tolerance == tolerance_for(0.005, IMPULSE.iteration) == 1e-3
-    instance.setup(0.0, None)
-    assert instance.settings().tolerance == written

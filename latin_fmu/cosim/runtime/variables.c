@@ -1,5 +1,5 @@
-/* Variables of a compiled FMU by value reference: what they are is in the table. Histories of prescribed mode. */
-#include "compiled.h"
+/* Variables by value reference: what they are is in the table. Histories of prescribed mode. */
+#include "runtime.h"
 
 #include <ctype.h>
 #include <locale.h>
@@ -114,8 +114,7 @@ static const double *fields_now(const Instance *c)
 {
     const struct Object *o = c->fmu;
     if (o->n_fields == 0) return NULL;
-    double place = (c->time - o->start) / o->image->dt;
-    int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
+    int64_t row = row_now(c);
     return o->fields + size_of_fields(c) * (row < o->n_fields ? row : o->n_fields - 1);
 }
 
@@ -308,21 +307,30 @@ double history_at(const History *h, double t)
     return h->value[low] + slope * (t - h->t[low]);
 }
 
+/* Writes what is wrong with a history, rows counted from 1; whether anything is. */
+EXPORT int latin_fmu_wrong_history(int64_t n, const double *t, const double *values, char *text, size_t size)
+{
+    for (int64_t i = 0; i < n; i++) {
+        long long row = (long long)i + 1;
+        if (!isfinite(t[i]) || !isfinite(values[i]))
+            return snprintf(text, size, "row %lld is not a pair of finite numbers", row), 1;
+        if (i > 0 && !(t[i] > t[i - 1]))
+            return snprintf(text, size, "the times must increase strictly; row %lld has %g s after %g s", row, t[i], t[i - 1]), 1;
+    }
+    return 0;
+}
+
 int keep_history(Instance *c, int64_t input, int64_t n, const double *t, const double *values, const char *where)
 {
     History *h = c->fmu->histories + input;
     const char *own = input_name(c, input, IN_VALUE);
-    for (int64_t i = 0; i < n; i++) {
-        if (!isfinite(t[i]) || !isfinite(values[i]))
-            return msg(c, ERROR, "%s: row %lld of %s is not a pair of finite numbers", where, (long long)i + 1, own);
-        if (i > 0 && !(t[i] > t[i - 1]))
-            return msg(c, ERROR, "%s: the times must increase strictly; row %lld has %g s after %g s", where,
-                       (long long)i + 1, t[i], t[i - 1]);
-    }
+    char text[200];
+    if (latin_fmu_wrong_history(n, t, values, text, sizeof text))
+        return msg(c, ERROR, "%s: %s: %s", where, own, text);
     double *block = malloc((size_t)(2 * n + 1) * sizeof *block);
     if (block == NULL) return msg(c, ERROR, "no memory for the history of %s", own);
     free(h->t);
-    *h = (History){n, block, block + n};
+    *h = (History){n, block, block + n, 0};
     memcpy(h->t, t, (size_t)n * sizeof *t);
     memcpy(h->value, values, (size_t)n * sizeof *values);
     return OK;
@@ -434,20 +442,38 @@ static int set_from_arrays(Instance *c)
     return status;
 }
 
-/* historyFile is the path of a CSV file, or the table itself: a text of rows. */
+#if defined(LATIN_FMU_MAKES)
+static int is_netcdf(const char *path)
+{
+    const char *suffix = strrchr(path, '.');
+    return suffix != NULL && (strcmp(suffix, ".nc") == 0 || strcmp(suffix, ".nc4") == 0 || strcmp(suffix, ".cdf") == 0);
+}
+#endif
+
+/* historyFile is the path of a CSV file, or the table itself: a text of rows; where there is Python also of a netCDF file. */
 int set_histories(Instance *c)
 {
     struct Object *o = c->fmu;
     int64_t reference = table_of(c)[T_FILE].i, n_input = table_of(c)[T_N_INPUT].i;
     const char *text = reference < 0 ? "" : o->texts[reference];
     int status = OK;
-    for (int64_t i = 0; i < n_input; i++) o->histories[i].n = 0;
+    for (int64_t i = 0; i < n_input; i++)
+        if (!o->histories[i].told) o->histories[i].n = 0;
     if (parameter(c, T_MODE, 0.0) != PRESCRIBED) {
         if (*text) msg(c, WARNING, "historyFile has no effect in windowed mode: set mode = 1");
         return OK;
     }
     if (strpbrk(text, ";\r\n") != NULL)
         status = set_from_text(c, text, "historyFile, the table itself");
+    else if (*text && is_irregular(text))
+        status = msg(c, ERROR, "%.500s: not a regular file", text);
+#if defined(LATIN_FMU_MAKES)
+    else if (is_netcdf(text)) {
+        char *rows = table_of_file(c, text);
+        status = rows ? set_from_text(c, rows, text) : ERROR;
+        free(rows);
+    }
+#endif
     else if (*text) {
         size_t length = 0;
         char *content = content_of(text, &length);

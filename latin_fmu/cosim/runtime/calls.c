@@ -2,7 +2,7 @@
 
    A step here is never in progress when a function returns, and there is no event mode in co-simulation: the states for
    them are left out. A call that is refused changes nothing, so that its state stays. */
-#include "bridge.h"
+#include "instance.h"
 
 #include <stdio.h>
 

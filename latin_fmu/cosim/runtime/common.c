@@ -1,5 +1,5 @@
 /* What instances of both kinds share: messages, texts, the path of the resources. */
-#include "bridge.h"
+#include "instance.h"
 
 #include <ctype.h>
 #include <stdio.h>

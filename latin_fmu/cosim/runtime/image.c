@@ -1,7 +1,8 @@
-/* The files of a compiled FMU: read and checked once per process, shared by its instances, freed with the last. */
-#include "compiled.h"
+/* The files of an FMU: read and checked once per process, shared by its instances, freed with the last. */
+#include "runtime.h"
 
 #include <stdio.h>
+#include <sys/stat.h>
 
 #ifdef _WIN32
 #define WIN32_LEAN_AND_MEAN
@@ -13,8 +14,8 @@
 #define yield() sched_yield()
 #endif
 
-const char known_file[] = "image.bin";
-static const char table_file[] = "variables.bin";
+const char known_file[] = "variables.bin"; /* which every FMU has */
+static const char image_file[] = "image.bin";
 
 static Image *images;
 static char in_use; /* 1 while a thread is in the list */
@@ -76,6 +77,19 @@ void removed_file(const char *path)
     if (wide_of(path, wide)) _wremove(wide);
 #else
     remove(path);
+#endif
+}
+
+/* Whether a path is that of something that is no regular file: a pipe, a folder, a device, which reading may never end. */
+int is_irregular(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[LONGEST];
+    struct _stat64 facts;
+    return wide_of(path, wide) && _wstat64(wide, &facts) == 0 && (facts.st_mode & _S_IFMT) != _S_IFREG;
+#else
+    struct stat facts;
+    return stat(path, &facts) == 0 && !S_ISREG(facts.st_mode);
 #endif
 }
 
@@ -170,6 +184,14 @@ static int brought_together(const Image *image)
     return planes != NULL;
 }
 
+static void understood_head(Image *image)
+{
+    image->n_output = image->head[M_N_OUTPUT].i;
+    image->n_state = image->head[M_N_STATE].i;
+    image->dt = image->head[M_DT].d;
+    image->run_table = image->table;
+}
+
 /* Blocks and places from the header; 0 where they are not as long as the file. */
 static int understood(Image *image, size_t n_word)
 {
@@ -189,33 +211,48 @@ static int understood(Image *image, size_t n_word)
         if (i == 4) image->moving = &head[at].d;
         at += (uint64_t)words[i];
     }
-    image->n_output = head[M_N_OUTPUT].i;
-    image->n_state = head[M_N_STATE].i;
-    image->dt = head[M_DT].d;
+    understood_head(image);
     return at == n_word;
+}
+
+/* Whether these words are a whole table of variables. */
+int fits(const Word *table, size_t n_word)
+{
+    return n_word > T_HEADER && memcmp(table, "LATINVAR", 8) == 0 && table[T_LENGTH].u == n_word &&
+           table[T_CHECKSUM].u == checksum(table + T_LENGTH, n_word - T_LENGTH);
+}
+
+static int has_table(Image *image, const char *folder, char *trouble, size_t size)
+{
+    size_t n_table = 0;
+    image->table = words_of(folder, known_file, &n_table, trouble, size);
+    image->owns_table = 1;
+    if (image->table == NULL) return 0;
+    const Word *head = image->table;
+    if (!fits(head, n_table)) return snprintf(trouble, size, "%s/%s is damaged: extract the FMU again", folder, known_file), 0;
+    return 1;
 }
 
 static int checked(Image *image, const char *folder, char *trouble, size_t size)
 {
-    size_t n_word = 0, n_table = 0;
-    image->table = words_of(folder, table_file, &n_table, trouble, size);
-    if (image->table == NULL) return 0;
+    size_t n_word = 0;
+    if (!has_table(image, folder, trouble, size)) return 0;
     const Word *head = image->table;
-    int whole = n_table > T_HEADER && memcmp(head, "LATINVAR", 8) == 0 && head[T_LENGTH].u == n_table &&
-                head[T_CHECKSUM].u == checksum(head + T_LENGTH, n_table - T_LENGTH);
-    if (!whole) return snprintf(trouble, size, "%s/%s is damaged: extract the FMU again", folder, table_file), 0;
-    image->head = words_of(folder, known_file, &n_word, trouble, size);
+    image->head = words_of(folder, image_file, &n_word, trouble, size);
     if (image->head == NULL) return 0;
     /* the table has its own checksum and that of the image: files of two FMUs do not fit each other */
     if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word))
         return brought_together(image) || (snprintf(trouble, size, "no memory for the FMU"), 0);
-    return snprintf(trouble, size, "%s/%s is damaged, or of another FMU: extract the FMU again", folder, known_file), 0;
+    return snprintf(trouble, size, "%s/%s is damaged, or of another FMU: extract the FMU again", folder, image_file), 0;
 }
 
 static void dropped(Image *image)
 {
-    aligned_free(image->head ? image->head - image->shift : NULL);
-    aligned_free(image->table);
+    if (image->process != NULL)
+        free((void *)image->moving); /* the process keeps what it handed over */
+    else
+        aligned_free(image->head ? image->head - image->shift : NULL);
+    if (image->owns_table) aligned_free(image->table);
     free(image->folder);
     free(image);
 }
@@ -231,10 +268,12 @@ static Image *opened_image(const char *folder, char *trouble, size_t size)
     return NULL;
 }
 
+/* Whether the FMU of an image is the one of a token. */
 static int is_of(const Image *image, const char *token, char *trouble, size_t size)
 {
     const char *own = (const char *)(image->table + image->table[T_TEXTS].i) + image->table[T_TOKEN].i;
-    if (token == NULL || *token == '\0' || strcmp(token, own) == 0) return 1;
+    /* one with Python has none in its table */
+    if (token == NULL || *token == '\0' || *own == '\0' || strcmp(token, own) == 0) return 1;
     snprintf(trouble, size, "the host gives the token %.80s, the files in %.500s are of the FMU %.80s: extract the FMU "
              "into a folder of its own", token, image->folder, own);
     return 0;
@@ -259,6 +298,10 @@ const Image *image_of(const char *folder, const char *token, char *trouble, size
 void image_freed(const Image *image)
 {
     if (image == NULL) return;
+    if (image->unlisted) {
+        dropped((Image *)image);
+        return;
+    }
     enter();
     Image **link = &images;
     while (*link != image) link = &(*link)->next;  /* it is in the list as long as it has users */
@@ -268,4 +311,43 @@ void image_freed(const Image *image)
         dropped(own);
     }
     leave();
+}
+
+/* -- images in memory -------------------------------------------------------------------------------------------------- */
+const Image *image_of_table(const char *folder, const char *token, char *trouble, size_t size)
+{
+    Image *image = calloc(1, sizeof *image);
+    if (image == NULL || (image->folder = copied(folder)) == NULL)
+        snprintf(trouble, size, "no memory for the FMU");
+    else if (has_table(image, folder, trouble, size) && is_of(image, token, trouble, size)) {
+        const Word *table = image->table, *v = table + table[T_VARIABLES].i;
+        for (int64_t i = 0; i < table[T_N_VARIABLE].i; i++, v += V_ROW) image->n_output += v[V_ROLE].i == OUTPUT;
+        image->unlisted = 1;
+        return image;
+    }
+    if (image != NULL) dropped(image);
+    return NULL;
+}
+
+const Image *image_in_memory(const Process *process, const Image *files)
+{
+    Image *image = calloc(1, sizeof *image);
+    size_t bytes = 8 * (size_t)process->head[M_N_MOVING].i;
+    double *moving = image ? malloc(bytes + 8) : NULL;
+    if (moving == NULL) return free(image), NULL;
+    memcpy(moving, process->moving, bytes); /* what every simulation begins from */
+    image->process = process;
+    image->unlisted = 1;
+    image->table = files ? files->table : (Word *)process->table;
+    image->head = (Word *)process->head;
+    for (int i = 0; i < 3; i++) image->records[i] = process->records[i];
+    image->fixed = process->fixed;
+    image->moving = moving;
+    understood_head(image);
+    image->run_table = process->table;
+    if (files == NULL) return image;
+    if ((image->folder = copied(files->folder)) == NULL) return dropped(image), NULL;
+    image->owns_table = files->owns_table; /* it moves on */
+    ((Image *)files)->owns_table = 0;
+    return image;
 }

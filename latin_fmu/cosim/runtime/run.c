@@ -1,16 +1,14 @@
-/* Life cycle of a compiled FMU: instances, initialization, steps. The kernels compute; nothing is factorised here. */
-#include "compiled.h"
+/* Life cycle of an instance: initialization, steps. The kernels compute; nothing is factorised here. */
+#include "runtime.h"
 
 #include <stdio.h>
 
-int latin_fmu_fits(void);
-int32_t kernels_entries_call_0(const int64_t *slots, void *result);
-
-#if defined(LATIN_FMU_WIDE)
-static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
+#if defined(LATIN_FMU_WITHOUT_KERNELS) /* a process hands them over */
+static int32_t (*const kernels_entries_call_0)(const int64_t *, void *) = NULL;
 #else
-static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
+int32_t kernels_entries_call_0(const int64_t *slots, void *result);
 #endif
+
 static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
 static const double MOST_STEPS = 1e6;
 static const double EXACT = 1e-9; /* of the largest traction: what a law may miss, as in latin_fmu/latin/instant_solve.py */
@@ -27,11 +25,12 @@ int msg(const Instance *c, int status, const char *format, ...)
 }
 
 /* -- instances --------------------------------------------------------------------------------------------------------- */
-static int renewed(Instance *c)
+int renewed(Instance *c)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
-    memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
+    if (image->head != NULL) memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
+    o->accuracy = 0.0;
     o->discarded = o->opened = o->acted = 0;
     o->n_row = o->n_fields = 0;
     no_records(o);
@@ -58,37 +57,65 @@ static void set_slots(struct Object *o)
     }
 }
 
-/* A record of the run whose iteration has no differences, and a relaxation of 1/2. */
-static void set_relaxed(struct Object *o)
+int take_image(Instance *c, const Image *image)
 {
-    const Word *head = o->image->head;
-    int64_t depth = 0;
-    double relaxation = 0.5;
-    memcpy(o->relaxed, o->image->records[0], (size_t)head[M_RUN_SIZE].i);
-    memcpy(o->relaxed + head[M_DEPTH_AT].i, &depth, sizeof depth);
-    memcpy(o->relaxed + head[M_RELAXATION_AT].i, &relaxation, sizeof relaxation);
+    struct Object *o = c->fmu;
+    if (image == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
+    free_step(o);
+    if (o->image != NULL && o->image->process == NULL) aligned_free(o->moving);
+    free(o->before);
+    free(o->relaxed);
+    free(o->now);
+    image_freed(o->image);
+    o->image = image;
+    o->moving = o->before = NULL;
+    o->relaxed = NULL;
+    o->now = calloc((size_t)image->n_output + 1, sizeof(double));
+    int good = o->now != NULL && room_for_step(o);
+    if (good && image->head != NULL) { /* else it is made when a simulation begins */
+        o->kernels = image->process ? image->process->kernels : kernels_entries_call_0;
+        o->moving = image->process ? image->process->moving : aligned(8 * (size_t)image->head[M_N_MOVING].i);
+        o->before = malloc(8 * (size_t)image->n_state + 8);
+        o->relaxed = malloc((size_t)image->head[M_RUN_SIZE].i);
+        good = o->moving && o->before && o->relaxed;
+        if (good) set_slots(o);
+    }
+    return good || (msg(c, ERROR, "no memory for an instance"), 0);
 }
 
-static int filled(Instance *c, const char *token, const char *resources)
+int filled(Instance *c, const Image *image)
+{
+    c->fmu = image ? calloc(1, sizeof *c->fmu) : NULL;
+    if (c->fmu == NULL) return image_freed(image), msg(c, ERROR, "no memory for an instance"), 0;
+    if (!take_image(c, image)) return 0;
+    return renewed(c) || (msg(c, ERROR, "no memory for an instance"), 0);
+}
+
+#if !defined(LATIN_FMU_WITHOUT_KERNELS)
+int latin_fmu_fits(void);
+
+#if defined(LATIN_FMU_WIDE)
+static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
+#else
+static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
+#endif
+
+/* An instance of the files of an FMU. */
+static int filled_from_files(Instance *c, const char *token, const char *resources)
 {
     char trouble[1200];
     if (!latin_fmu_fits())
         return msg(c, ERROR, "this FMU needs a processor with %s", NEEDED), 0;
-    c->fmu = calloc(1, sizeof *c->fmu);
-    if (c->fmu == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
-    struct Object *o = c->fmu;
-    o->image = image_of(resources, token, trouble, sizeof trouble);
-    if (o->image == NULL) return msg(c, ERROR, "%s", trouble), 0;
-    o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
-    o->before = malloc(8 * (size_t)o->image->n_state + 8);
-    o->relaxed = malloc((size_t)o->image->head[M_RUN_SIZE].i);
-    o->now = malloc(8 * (size_t)o->image->n_output + 8);
-    if (!o->moving || !o->before || !o->relaxed || !o->now || !room_for_step(o) || !renewed(c))
-        return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
-    set_slots(o);
-    set_relaxed(o);
-    return 1;
+    const Image *image = image_of(resources, token, trouble, sizeof trouble);
+    if (image == NULL) return msg(c, ERROR, "%s", trouble), 0;
+    return filled(c, image);
 }
+#elif !defined(LATIN_FMU_MAKES)
+static int filled_from_files(Instance *c, const char *token, const char *resources)
+{
+    return (void)token, (void)resources, msg(c, ERROR, "this library has no kernels"), 0;
+}
+#endif
 
 Instance *opened(const Instance *given, const char *name, const char *token, const char *resources)
 {
@@ -100,10 +127,27 @@ Instance *opened(const Instance *given, const char *name, const char *token, con
         msg(c, ERROR, "the host gives no folder of resources");
     else if (c->kind == EXCHANGE_3)
         msg(c, ERROR, "this FMU is for co-simulation only");
-    else if (filled(c, token, resources))
+    else if (filled_from_files(c, token, resources))
         return c;
     closed(c);
     return NULL;
+}
+
+int made_for_now(Instance *c)
+{
+    struct Object *o = c->fmu;
+#if defined(LATIN_FMU_MAKES)
+    int64_t n_input = table_of(c)[T_N_INPUT].i, prescribed = parameter(c, T_MODE, 0.0) == PRESCRIBED;
+    double *starts = calloc((size_t)n_input + 1, sizeof *starts);
+    if (starts == NULL) return msg(c, ERROR, "no memory for an instance");
+    for (int64_t i = 0; i < n_input; i++)
+        starts[i] = prescribed && o->histories[i].n ? history_at(o->histories + i, 0.0) : o->given[2 * i];
+    int status = make_image(c, o->numbers, starts);
+    free(starts);
+    return status;
+#else
+    return o->image->head != NULL ? OK : ERROR;
+#endif
 }
 
 void closed(Instance *c)
@@ -114,7 +158,10 @@ void closed(Instance *c)
         if (o->image != NULL) free_variables(o);
         free_states(o);
         free_step(o);
-        aligned_free(o->moving);
+        if (o->image == NULL || o->image->process == NULL) aligned_free(o->moving);
+#if defined(LATIN_FMU_MAKES)
+        free_maker(o); /* which keeps the image */
+#endif
         free(o->before);
         free(o->relaxed);
         free(o->now);
@@ -139,15 +186,49 @@ int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made,
     /* behind the addresses and lengths of nine arrays */
     int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
     memcpy(last, given, sizeof given);
-    return kernels_entries_call_0(o->slots, &result) ? NO_MEMORY : result;
+    return o->kernels(o->slots, &result) ? NO_MEMORY : result;
+}
+
+int told(const struct Object *o, int64_t what, int64_t a, int64_t b, int64_t c)
+{
+    const Process *process = o->image->process;
+    if (process == NULL || process->tell == NULL) return 0;
+    *process->answered = 0;
+    int64_t stops = process->tell(what, a, b, c);
+    return stops != 0 || *process->answered == 0;
+}
+
+/* Makes n time steps, behind ``made`` of the whole ones of a communication step; how many, or a negative result. The process
+   is told where it wants to be, where the tables of the laws of the scene end, and between the calls of a long step, which it
+   may stop. */
+static int64_t communicated(struct Object *o, int64_t n, int64_t rule, int64_t made, int64_t whole)
+{
+    const Process *process = o->image->process;
+    int64_t always = process != NULL && process->always, last = o->image->head[M_LAST_STEP].i;
+    int64_t progress = (int64_t)o->moving[o->image->head[M_PROGRESS].i];
+    if ((always || (last >= 0 && progress + n > last)) && told(o, ABOUT_TO, progress, n, whole)) return STOPPED;
+    int64_t result = act(o, M_COMMUNICATE, n, rule, made, whole);
+    return (always || made + n < whole) && told(o, HAVE_MADE, made, result, whole) ? STOPPED : result;
+}
+
+/* A record of the run whose iteration has no differences, and a relaxation of 1/2; of the record as it is now. */
+const char *relaxed_record(struct Object *o)
+{
+    const Word *head = o->image->head;
+    int64_t depth = 0;
+    double relaxation = 0.5;
+    memcpy(o->relaxed, o->image->records[0], (size_t)head[M_RUN_SIZE].i);
+    memcpy(o->relaxed + head[M_DEPTH_AT].i, &depth, sizeof depth);
+    memcpy(o->relaxed + head[M_RELAXATION_AT].i, &relaxation, sizeof relaxation);
+    return o->relaxed;
 }
 
 /* A time step by a new iteration with relaxation 1/2, where the acceleration has stalled: it passes most stalls. */
-int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t whole)
+static int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t whole)
 {
     int64_t kept = o->slots[0];
-    o->slots[0] = (int64_t)(intptr_t)o->relaxed;
-    int64_t result = act(o, M_COMMUNICATE, 1, rule, made, whole);
+    o->slots[0] = (int64_t)(intptr_t)relaxed_record(o);
+    int64_t result = communicated(o, 1, rule, made, whole);
     o->slots[0] = kept;
     return result;
 }
@@ -165,6 +246,7 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 {
     const Image *image = c->fmu->image;
     if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
+    if (result == STOPPED) return msg(c, ERROR, "stopped in the step at %g s: %s", t, image->process->trouble);
     if (result == BEYOND_LAWS)
         return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
@@ -183,9 +265,17 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 }
 
 /* -- outputs of the last step ------------------------------------------------------------------------------------------ */
-int has_arrays(const Instance *c) { return table_of(c)[T_WINDOW_SIZE].i >= 0; }
+static int keeps_all(const Image *image) { return image->process != NULL && image->process->whole; }
 
-int64_t size_of_fields(const Instance *c) { return c->fmu->image->head[M_N_FIELD].i; }
+int has_arrays(const Instance *c) { return keeps_all(c->fmu->image) || table_of(c)[T_WINDOW_SIZE].i >= 0; }
+
+/* A process reads the fields of a whole step; the arrays of an FMU are those at its end. */
+int64_t rows_with_fields(const Instance *c, int64_t n_row)
+{
+    return n_row == 0 || !has_arrays(c) ? 0 : keeps_all(c->fmu->image) ? n_row : 1;
+}
+
+int64_t size_of_fields(const Instance *c) { return c->fmu->image->head ? c->fmu->image->head[M_N_FIELD].i : 0; }
 
 int room_for(struct Object *o, int64_t n_row, int64_t n_fields, int64_t size)
 {
@@ -221,7 +311,8 @@ int setup(Instance *c, double start, double tolerance)
 {
     double own = parameter(c, T_TOLERANCE, 0.0);
     c->time = c->fmu->start = start;
-    if (tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
+    c->fmu->accuracy = tolerance;
+    if (c->fmu->maker == NULL && tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
         msg(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed when it is made "
             "(%g on sqrt(eta), a relative accuracy of %g)", tolerance, own, 5.0 * own);
     return OK;
@@ -235,7 +326,7 @@ static int in_range(const Instance *c, int header, const char *what, double most
     return 0;
 }
 
-static int can_start(const Instance *c)
+int can_start(const Instance *c)
 {
     const struct Object *o = c->fmu;
     int bad = not_finite(c);
@@ -270,7 +361,7 @@ static void set_step(Instance *c, int64_t step, int64_t n)
    linear function of the inputs. */
 static int stands(const Instance *c)
 {
-    const Word *table = table_of(c), *points = table + table[T_PRESSED].i;
+    const Word *table = c->fmu->image->run_table, *points = table + table[T_PRESSED].i;
     int64_t n = table[T_N_PRESSED].i;
     double largest = 0.0;
     for (int64_t i = 0; i < P_ROW * n; i += P_ROW)
@@ -282,7 +373,7 @@ static int stands(const Instance *c)
         if (-f[0] >= -EXACT * largest && shear <= -points[i + P_FRICTION].d * f[0] + EXACT * largest) continue;
         msg(c, ERROR, "the inputs move a rigid body at the start so that it slides or lifts at once at interface %s, for which "
             "the initial state was not computed: begin with smaller inputs, or use an FMU that was made with --python",
-            text_at(c, points[i + P_NAME].i));
+            (const char *)(table + table[T_TEXTS].i) + points[i + P_NAME].i);
         return 0;
     }
     return 1;
@@ -347,7 +438,7 @@ int solve_histories(Instance *c)
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
         set_step(c, step, n);
-        int64_t made = act(o, M_COMMUNICATE, 1, PATH, 0, 1);
+        int64_t made = communicated(o, 1, PATH, 0, 1);
         if (made == 0) made = relaxed(o, PATH, 0, 1);
         if (made != 1) {
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
@@ -374,6 +465,7 @@ int initialize(Instance *c)
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
     if (status == OK && keeps_results(c)) status = results_ready(c);
+    if (status == OK) status = made_for_now(c);
     if (status != OK) return status;
     memcpy(o->first, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i);
     c->time = o->start;
@@ -382,7 +474,8 @@ int initialize(Instance *c)
     status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c)
                                                        : present(c, (int64_t)parameter(c, T_RULE, CAUSAL), 0);
     o->opened = status == OK;
-    if (o->opened && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
+    /* Python has said so of the scene */
+    if (o->opened && o->maker == NULL && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
         msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "
             "scene with a load, an initial velocity or a driven boundary");
     return status;
@@ -426,13 +519,19 @@ static int64_t first_event(const Image *image, const double *rows, int64_t n_row
     return 0;
 }
 
-/* Row of the last instant not beyond a time. */
+/* Row of the last instant not beyond a time since the start. */
 static int64_t row_at(const struct Object *o, double time)
 {
     double place = time / o->image->dt;
     /* an instant that is reached but for round-off is reached */
     int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
     return row < o->n_row ? row : o->n_row - 1;
+}
+
+int64_t row_now(const Instance *c)
+{
+    const struct Object *o = c->fmu;
+    return parameter(c, T_MODE, 0.0) == PRESCRIBED ? row_at(o, c->time - o->start) : o->n_row - 1;
 }
 
 /* Plays the solution of prescribed mode back: outputs at an instant, linear between two. */
@@ -451,6 +550,7 @@ static int played_back(Instance *c, double t, double h)
         int64_t first = row_at(o, t - o->start), event = first_event(o->image, o->rows + first * width, row_at(o, time) - first + 1);
         if (event > 0 && o->times[first + event] < time - 1e-9 * h) time = o->times[first + event];
     }
+    o->ended = o->n_row - 1;
     c->time = time == t + h - o->start ? t + h : o->start + time;
     double place = time / dt, near = rint(place);
     /* an instant itself, without interpolation */
@@ -475,8 +575,11 @@ static int played_back(Instance *c, double t, double h)
 static void hold_last(struct Object *o)
 {
     size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;  /* the two may be one */
+    size_t size = (size_t)o->image->head[M_N_FIELD].i;
     memmove(o->rows, o->rows + last * width, 8 * width);
     o->times[0] = o->times[last];
+    if (o->n_fields > 1) memmove(o->fields, o->fields + ((size_t)o->n_fields - 1) * size, 8 * size);
+    if (o->n_fields > 1) o->n_fields = 1;
     o->n_row = 1;
 }
 
@@ -485,22 +588,28 @@ typedef struct {
     int64_t whole, end, kept;
 } Part;
 
+/* Rows of a part that are not kept: the first ones, where there are too many. */
+static int64_t n_skipped(Part part) { return part.end + 1 - part.kept; }
+
 /* Makes the time steps of a part into new rows; how many, and the last result of the kernels. event: where not NULL, the
    time step that the first contact event is in; the march ends behind it. */
 static int64_t march(const Instance *c, Part part, int64_t *result, int64_t *event)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
-    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL), arrays = has_arrays(c);
+    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL);
+    int64_t skipped = n_skipped(part), without = part.kept - rows_with_fields(c, part.kept);
     int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, stalled = 0;
     while (made < n) {
         int64_t some = n - made < most ? n - made : most;
-        int64_t done = stalled ? relaxed(o, rule, made, part.whole) : act(o, M_COMMUNICATE, some, rule, made, part.whole);
+        int64_t done = stalled ? relaxed(o, rule, made, part.whole) : communicated(o, some, rule, made, part.whole);
         *result = done;
         if (done < 0 || (stalled && done == 0)) break;
         stalled = !stalled && done < some;
-        for (int64_t i = made == 0 ? 0 : 1; i <= done; i++)
-            keep(c, i, made + i - (n + 1 - part.kept), before + made + i, made + i == n ? arrays - 1 : -1);
+        for (int64_t i = made == 0 ? 0 : 1; i <= done; i++) {
+            int64_t row = made + i - skipped;
+            keep(c, i, row, before + made + i, row - without);
+        }
         int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, done + 1) : 0;
         made += done;
         if (row > 0) {
@@ -530,20 +639,21 @@ static int marched(Instance *c, double t, double h)
     struct Object *o = c->fmu;
     const Image *image = o->image;
     memcpy(o->before, o->moving, 8 * (size_t)image->n_state);
-    int64_t n = placed(c, t, h), arrays = has_arrays(c), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
+    int64_t n = placed(c, t, h), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
     if (n == 0) {
         act(o, M_COMMUNICATE, 0, rule, 0, 0);
         keep_step(o, t, h, 0, 0);
+        o->ended = 0;
         c->time = t + h;
         return hold_last(o), OK;
     }
-    int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
+    int64_t wanted = keeps_all(image) ? n + 1 : has_arrays(c) ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
     Part part = {n, n, n + 1 < wanted ? n + 1 : wanted};
     double *rows = o->rows, *times = o->times, *fields = o->fields;
     /* the old rows are kept until the step is accepted */
     o->rows = o->times = o->fields = NULL;
     int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i], event = n;
-    int good = room_for(o, part.kept, arrays, size_of_fields(c));
+    int good = room_for(o, part.kept, rows_with_fields(c, part.kept), size_of_fields(c));
     int64_t made = good ? march(c, part, &result, c->early ? &event : NULL) : 0;
     if (event < n) { /* again, up to there */
         memcpy(o->moving, o->before, 8 * (size_t)image->n_state);
@@ -553,12 +663,16 @@ static int marched(Instance *c, double t, double h)
         if (made == event) act(o, M_COMMUNICATE, 0, rule, event, n);
     }
     int whole = good && made == part.end;
+    /* the kernels do not put back all that the fields of their first row follow from: it is the end of the step before */
+    if (whole && begun > 0 && o->n_fields > 0 && rows_with_fields(c, part.kept) == part.end + 1)
+        memcpy(o->fields, fields + (o->n_fields - 1) * size_of_fields(c), 8 * (size_t)size_of_fields(c));
     double *unused[] = {whole ? rows : o->rows, whole ? times : o->times, whole ? fields : o->fields};
     for (int i = 0; i < 3; i++) free(unused[i]);
     if (whole) {
         keep_step(o, t, h, n, event);
+        o->ended = event;
         o->n_row = part.kept;
-        o->n_fields = arrays;
+        o->n_fields = rows_with_fields(c, part.kept);
         memcpy(o->now, o->rows + (part.kept - 1) * image->n_output, 8 * (size_t)image->n_output);
         c->time = event < n ? o->start + (double)(begun + event) * image->dt : t + h;
         return OK;
@@ -583,6 +697,7 @@ static int advanced(Instance *c, double t, double h)
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
     if (h <= SHORTEST * dt || t + h <= t) { /* below the last digit of t late in a simulation */
         c->time = t + h;                    /* the clock alone */
+        o->ended = -1;
         return OK;
     }
     int bad = not_finite(c);
@@ -609,7 +724,26 @@ int step(Instance *c, double t, double h)
     return OK;
 }
 
-/* -- functions that a compiled FMU does not have -------------------------------------------------------------------- */
+/* A step of a process that made the image itself: one communication step from t to t + h, s; with early up to the end of the time step with the first contact event. Writes
+   where it ended and its time steps (-1: it moved the clock alone) into end, and the outputs there. */
+EXPORT int latin_fmu_step(Instance *c, double t, double h, int early, const double *given, double *end, double *outputs)
+{
+    struct Object *o = c->fmu;
+    size_t n_input = (size_t)table_of(c)[T_N_INPUT].i;
+    double *before = o->refused + 2; /* nothing else is kept there: a refused step leaves no mark here */
+    memcpy(before, o->given, 16 * n_input);
+    memcpy(o->given, given, 16 * n_input);
+    c->early = early;
+    int status = advanced(c, t, h);
+    if (status != OK) memcpy(o->given, before, 16 * n_input);
+    memset(before, 0, 16 * n_input); /* equal runs have equal states */
+    end[0] = c->time;
+    end[1] = (double)o->ended;
+    memcpy(outputs, o->now, 8 * (size_t)o->image->n_output);
+    return status;
+}
+
+/* -- functions that co-simulation does not have -------------------------------------------------------------------- */
 int set_time(Instance *c, double t) { return (void)t, unsupported(c, "fmi3SetTime"); }
 
 int read_vector(Instance *c, const char *method, double *values, size_t size)

@@ -1,8 +1,8 @@
-/* Directional derivatives of a compiled FMU: of outputs at the end of the last step by inputs over it. The kernels make the
+/* Directional derivatives: of outputs at the end of the last step by inputs over it. The kernels make the
    step again from the state before it, on a copy of the run (latin_fmu/kernels/derivatives.py). */
-#include "compiled.h"
+#include "runtime.h"
 
-enum { UNSOLVED = 1, SINGULAR = 2 };
+enum { UNSOLVED = 1, SINGULAR, OWN_LAW };
 
 int room_for_step(struct Object *o)
 {
@@ -28,6 +28,7 @@ void free_step(struct Object *o)
     free(o->made.state);
     free(o->made.given);
     free(o->made.columns);
+    o->made = (LastStep){0};
 }
 
 /* The step that was just made from the state in o->before. */
@@ -68,8 +69,12 @@ static int64_t derived(const Instance *c, int64_t which, const char *record, dou
         own.slots[i + 1] = (int64_t)(n_moving + room);
     }
     placed(&copy, own.made.t, own.made.h);
-    int64_t rule = (int64_t)parameter(c, T_RULE, CAUSAL);
-    int64_t status = act(&own, M_DERIVE, which, rule, own.made.ended, own.made.whole);
+    int64_t rule = (int64_t)parameter(c, T_RULE, CAUSAL), status = STOPPED;
+    int64_t begun = (int64_t)block[head[M_PROGRESS].i], size = (int64_t)(n_moving + room);
+    if (!told(&own, ABOUT_TO, begun, own.made.ended, own.made.whole) &&
+        !told(&own, WORKS_ON, (int64_t)(intptr_t)block, size, 0))
+        status = act(&own, M_DERIVE, which, rule, own.made.ended, own.made.whole);
+    if (told(&own, WORKS_ON, (int64_t)(intptr_t)c->fmu->moving, (int64_t)n_moving, 0)) status = STOPPED;
     memcpy(column, block + head[M_OUTPUT].i, 8 * (size_t)own.image->n_output);
     aligned_free(block);
     return status;
@@ -83,14 +88,17 @@ static const double *column_of(Instance *c, int64_t which)
     double *column = calloc((size_t)o->image->n_output + 1, sizeof *column);
     int64_t status = column == NULL ? NO_MEMORY : 0; /* without time steps outputs are held */
     if (status == 0 && o->made.ended > 0) status = derived(c, which, o->image->records[0], column);
-    if (status == UNSOLVED) status = derived(c, which, o->relaxed, column);
+    if (status == UNSOLVED) status = derived(c, which, relaxed_record(o), column);
     if (status == 0) return o->made.columns[which] = column;
     free(column);
     if (status == UNSOLVED)
         msg(c, ERROR, "there is no derivative here: the iteration of the last step needed a fall-back");
     else if (status == SINGULAR)
         msg(c, ERROR, "there is no derivative here: the interfaces about the present solution have no unique solution");
-    else if (status < BEYOND_LAWS && status != NO_MEMORY) /* numbers below -1 name an input, by whose start value the state at t = 0 is known */
+    else if (status == OWN_LAW)
+        msg(c, ERROR, "there is no derivative here: a law of an interface is written in Python, and only laws of the package "
+            "have their tangents in kernels");
+    else if (status < BEYOND_LAWS && status > STOPPED) /* numbers below -1 name an input, by whose start value the state at t = 0 is known */
         msg(c, ERROR, "there is no derivative here: the state at t = 0 is known for the start value of %s alone: make a second "
             "step", input_name(c, -2 - status, IN_VALUE));
     else
@@ -126,6 +134,21 @@ static int is_input(Instance *c, uint32_t reference)
                "which has no derivative by the rate", own), 0;
 }
 
+int derivable(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m)
+{
+    if (!known(c, unknowns, n) || !known(c, knowns, m)) return 0;
+    if (c->phase < EVENT || parameter(c, T_MODE, 0.0) == PRESCRIBED)
+        return msg(c, ERROR, "directional derivative: not available in prescribed mode, or before initialization"), 0;
+    if (!c->fmu->made.known)
+        return msg(c, ERROR, "directional derivative: no step was made since the start, or since a state was restored: make a "
+                   "step first"), 0;
+    for (size_t i = 0; i < n; i++)
+        if (!is_output(c, unknowns[i])) return 0;
+    for (size_t i = 0; i < m; i++)
+        if (!is_input(c, knowns[i])) return 0;
+    return 1;
+}
+
 int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
                            const double *seed, size_t size_of_seed, double *values, size_t size)
 {
@@ -133,16 +156,7 @@ int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, cons
     if (size_of_seed != m || size != n)
         return msg(c, ERROR, "directional derivative: the host gives %zu numbers for %zu inputs and %zu for %zu outputs; scalars "
                    "alone have derivatives", size_of_seed, m, size, n);
-    if (!known(c, unknowns, n) || !known(c, knowns, m)) return ERROR;
-    if (c->phase < EVENT || parameter(c, T_MODE, 0.0) == PRESCRIBED)
-        return msg(c, ERROR, "directional derivative: not available in prescribed mode, or before initialization");
-    if (!c->fmu->made.known)
-        return msg(c, ERROR, "directional derivative: no step was made since the start, or since a state was restored: make a "
-                   "step first");
-    for (size_t i = 0; i < n; i++)
-        if (!is_output(c, unknowns[i])) return ERROR;
-    for (size_t i = 0; i < m; i++)
-        if (!is_input(c, knowns[i])) return ERROR;
+    if (!derivable(c, unknowns, n, knowns, m)) return ERROR;
     memset(values, 0, n * sizeof *values);
     for (size_t k = 0; k < m; k++) {
         const Word *v = variable(c, knowns[k]);

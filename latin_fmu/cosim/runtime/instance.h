@@ -1,9 +1,9 @@
 /* One instance of an FMU, and the logger of the host.
 
-   fmi2.c and fmi3.c are the functions of the FMI; they call those declared here. python.c defines these by the methods
-   of a Python object, the files of ../compiled by the compiled kernels. common.c is the part that both share. */
-#ifndef BRIDGE_H
-#define BRIDGE_H
+   fmi2.c and fmi3.c are the functions of the FMI; they call those declared here. The files beside them define these by
+   kernels, python.c (fmu_build/bridge) by the methods of a Python object. common.c is the part that both share. */
+#ifndef INSTANCE_H
+#define INSTANCE_H
 
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,13 +1,13 @@
-/* States of a compiled FMU: one block of words, the same in memory and serialized but for the checksum.
+/* States: one block of words, the same in memory and serialized but for the checksum.
 
    Header, lengths, then the data of these lengths. A state that comes from outside is checked when it is read: a damaged
    one, one of another FMU or with numbers that cannot be is refused. The solution of prescribed mode is not in it: it
    follows from the histories, and is computed anew where they are others than now. */
-#include "compiled.h"
+#include "runtime.h"
 
 enum { S_MAGIC, S_CHECKSUM, S_N_WORD, S_TABLE, S_PHASE, S_DISCARDED, S_N_ROW, S_N_FIELDS, S_N_ARRAY, S_START, S_TIME,
-       S_RECORD, S_HEADER };
-static const char magic[] = "LATINST1";
+       S_RECORD, S_N_STATE, S_ACCURACY, S_HEADER };
+static const char magic[] = "LATINST2";
 
 /* Where the words are, how many have gone by, and what is done with them. */
 typedef struct {
@@ -49,6 +49,8 @@ static void own_lengths(const Instance *c, Word *head, int64_t *lengths)
     head[S_START].d = o->start;
     head[S_TIME].d = c->time;
     head[S_RECORD].u = record_now(c);
+    head[S_N_STATE].i = c->phase >= EVENT ? o->image->n_state : 0; /* before, it follows from what is set */
+    head[S_ACCURACY].d = o->accuracy;
     for (int64_t r = 0; r < table_of(c)[T_N_VARIABLE].i; r++) *lengths++ = o->texts[r] ? (int64_t)strlen(o->texts[r]) : 0;
     for (int64_t i = 0; i < n_input; i++) *lengths++ = o->histories[i].n;
     for (int64_t i = 0; i <= n_input; i++) *lengths++ = o->arrays[i] != NULL;
@@ -64,7 +66,7 @@ static void pass_data(const Instance *c, struct Object *o, Pack *p, const Word *
     pass(p, o->numbers, n_variable);
     pass(p, o->given, n_given(image));
     pass(p, o->now, (size_t)image->n_output);
-    pass(p, o->moving, (size_t)image->n_state);
+    pass(p, o->moving, (size_t)head[S_N_STATE].i);
     pass(p, o->rows, (size_t)(head[S_N_ROW].i * image->n_output));
     pass(p, o->times, (size_t)head[S_N_ROW].i);
     pass(p, o->fields, (size_t)(head[S_N_FIELDS].i * size_of_fields(c)));
@@ -136,7 +138,7 @@ static int room_to_read(const Instance *c, struct Object *o, const Word *head, c
     for (size_t i = 0; i < n_input && good; i++) {
         int64_t n = lengths[n_variable + i];
         double *block = malloc(16 * (size_t)n + 8);
-        o->histories[i] = (History){n, block, block ? block + n : NULL};
+        o->histories[i] = (History){n, block, block ? block + n : NULL, 0};
         good = block != NULL;
     }
     for (size_t i = 0; i <= n_input && good; i++)
@@ -197,6 +199,7 @@ static int unpacked(Instance *c, Word *words)
         *o = fresh;
         fresh = old;
         c->time = head[S_TIME].d;
+        o->accuracy = head[S_ACCURACY].d;
         c->phase = (int)head[S_PHASE].i;
         c->last = OK;
         o->opened = 0; /* outputs at the start are computed anew */
@@ -228,7 +231,7 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
 {
     const Word *table = table_of(c);
     size_t n_word = size / 8, prefix = S_HEADER + n_length(c);
-    if (size < 8 || memcmp(words, magic, 8) != 0) return "it does not begin as a state of a compiled FMU does";
+    if (size < 8 || memcmp(words, magic, 8) != 0) return "it does not begin as a state does";
     if (size % 8 || n_word < prefix || words[S_N_WORD].u != n_word ||
         words[S_CHECKSUM].u != checksum(words + S_N_WORD, n_word - S_N_WORD))
         return "it is damaged (its checksum does not fit); use an intact copy";
@@ -243,9 +246,14 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
     int64_t phase = words[S_PHASE].i;
     if (phase < INSTANTIATED || phase > TERMINATED || phase == EVENT || phase == CONTINUOUS ||
         words[S_DISCARDED].u > 1 || words[S_N_ROW].u > (uint64_t)most ||
-        words[S_N_FIELDS].u > 1 || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
-        !isfinite(words[S_START].d) || !isfinite(words[S_TIME].d))
+        words[S_N_FIELDS].u > words[S_N_ROW].u || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
+        !isfinite(words[S_START].d) || !isfinite(words[S_TIME].d) || !isfinite(words[S_ACCURACY].d))
         return "a number of its header cannot be";
+    int64_t n_state = words[S_N_STATE].i;
+    /* before the image is made there is none */
+    if (n_state < 0 || n_state > most || (n_state == 0 && phase >= EVENT) ||
+        (n_state > 0 && c->fmu->image->head != NULL && n_state != c->fmu->image->n_state))
+        return "its sizes are not those of this FMU";
     /* lengths and sizes are checked before any datum is read */
     Pack p = {NULL, prefix, COUNTING};
     pass_data(c, c->fmu, &p, words, &lengths->i);
@@ -263,6 +271,7 @@ static int all_finite(const Word *words, size_t n)
 static const char *wrong_number(const Instance *c, const Word *words)
 {
     const Word *table = table_of(c), *lengths = words + S_HEADER, *at = lengths + n_length(c);
+    const Word *of_run = c->fmu->image->run_table;
     const Image *image = c->fmu->image;
     int64_t n_variable = table[T_N_VARIABLE].i, n_input = table[T_N_INPUT].i, n_row = words[S_N_ROW].i;
     for (int64_t r = 0; r < n_variable; r++) {
@@ -277,21 +286,21 @@ static const char *wrong_number(const Instance *c, const Word *words)
     int prescribed = at[mode].d == PRESCRIBED, begun = words[S_PHASE].i >= EVENT;
     if (begun && (at[mode].d < 0.0 || at[mode].d > 1.0 || at[rule].d < 0.0 || at[rule].d > 3.0))
         return "a parameter in it cannot be";
-    if (begun && ((n_row > 0) == prescribed || words[S_N_FIELDS].i != (!prescribed && has_arrays(c))))
+    if (begun && ((n_row > 0) == prescribed || words[S_N_FIELDS].i != rows_with_fields(c, n_row)))
         return "it has outputs without a step, or the other way round";
     at += n_variable;
     size_t numbers = n_given(image) + (size_t)image->n_output;
     if (!all_finite(at, numbers)) return "a number in it is not finite";
     at += numbers;
-    for (int64_t i = 0; i < image->n_state; i++)
+    for (int64_t i = 0; i < words[S_N_STATE].i; i++)
         /* what is not finite from the start on may be so here */
         if (!isfinite(at[i].d) && isfinite(image->moving[i])) return "a number in it is not finite";
-    for (int64_t i = 0; i < table[T_N_WHOLE].i; i++) {
-        const Word *w = table + table[T_WHOLES].i + W_ROW * i;
+    for (int64_t i = 0; of_run && i < of_run[T_N_WHOLE].i && words[S_N_STATE].i > 0; i++) {
+        const Word *w = of_run + of_run[T_WHOLES].i + W_ROW * i;
         double value = at[w[W_PLACE].i].d;
         if (value != rint(value) || value < w[W_LEAST].d || value > w[W_MOST].d) return "a number of its run cannot be";
     }
-    at += image->n_state;
+    at += words[S_N_STATE].i;
     numbers = (size_t)(n_row * (image->n_output + 1) + words[S_N_FIELDS].i * size_of_fields(c));
     if (!all_finite(at, numbers)) return "a number in it is not finite";
     at += numbers;
@@ -299,6 +308,8 @@ static const char *wrong_number(const Instance *c, const Word *words)
         if (variable(c, r)[V_KIND].i == STRING) {
             const char *text = (const char *)at, *end = memchr(text, 0, 8 * (size_t)(lengths[r].i / 8 + 1));
             if (end != text + lengths[r].i) return "a text in it has another length than stated";
+            for (; end < text + 8 * (lengths[r].i / 8 + 1); end++) /* zeros to the end of its last word */
+                if (*end != 0) return "a text in it has another length than stated";
             at += lengths[r].i / 8 + 1;
         }
     lengths += n_variable;
@@ -344,15 +355,44 @@ int get_state(Instance *c, void **state)
     return OK;
 }
 
+/* Makes the image that the state of a simulation is of, where images are made. */
+static int made_for(Instance *c, const Word *words)
+{
+#if defined(LATIN_FMU_MAKES)
+    const int64_t *lengths = &words[S_HEADER].i;
+    const double *numbers = &words[S_HEADER + n_length(c)].d;
+    int64_t n_variable = table_of(c)[T_N_VARIABLE].i, n_input = table_of(c)[T_N_INPUT].i;
+    const double *first = numbers + n_variable + 2 * n_input;
+    const Word *at = words + words[S_N_WORD].u; /* behind the arrays; the histories are before them */
+    if (words[S_PHASE].i < EVENT) return OK;
+    double *starts = malloc(8 * (size_t)n_input + 8);
+    if (starts == NULL) return msg(c, ERROR, "no memory to restore the state");
+    for (int64_t i = 0; i <= n_input; i++) at -= lengths[n_variable + n_input + i] ? words[S_N_ARRAY].i : 0;
+    for (int64_t i = n_input - 1; i >= 0; i--) {
+        int64_t n = lengths[n_variable + i];
+        at -= 2 * n;
+        History h = {n, (double *)&at->d, (double *)&at->d + n, 0};
+        starts[i] = n > 0 ? history_at(&h, 0.0) : first[2 * i];
+    }
+    c->fmu->accuracy = words[S_ACCURACY].d;
+    int status = make_image(c, numbers, starts);
+    free(starts);
+    return status;
+#else
+    return (void)c, (void)words, OK;
+#endif
+}
+
 int set_state(Instance *c, void *state)
 {
     size_t place;
     if (!place_of(c, state, &place)) return ERROR;
     Word *before = packed(c);
     if (before == NULL) return msg(c, ERROR, "no memory to restore the state");
-    int status = restored(c, state);
+    int status = made_for(c, state);
+    if (status == OK) status = restored(c, state);
     /* a solution may fail half way */
-    if (status != OK) restored(c, before);
+    if (status != OK && made_for(c, before) == OK) restored(c, before);
     free(before);
     return status;
 }
@@ -401,6 +441,8 @@ int state_from_bytes(Instance *c, const char *bytes, size_t size, void **state)
     if (words == NULL) return msg(c, ERROR, "no memory for the state");
     memcpy(words, bytes, size);
     const char *trouble = trouble_of(c, words, size);
+    /* what it is compared with is of the image */
+    if (trouble == NULL && c->fmu->image->head == NULL && made_for(c, words) != OK) return free(words), ERROR;
     if (trouble == NULL) trouble = wrong_number(c, words);
     if (trouble == NULL) return kept_state(c, words, state);
     free(words);

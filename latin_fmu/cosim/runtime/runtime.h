@@ -1,11 +1,12 @@
-/* An instance of a compiled FMU: variables, a copy of the moving block of the run, what the last step left.
+/* An instance of the runtime: variables, a moving block of the run, what the last step left.
 
-   image.c reads the files of the FMU, once per process; variables.c sets and reads variables; run.c makes steps by the
-   kernels; derivatives.c differentiates the last one; states.c saves and restores. Instances share nothing that changes but the list of files in image.c. */
-#ifndef COMPILED_H
-#define COMPILED_H
+   image.c reads the files of an FMU, once per process; process.c takes an image that is in memory already; variables.c sets
+   and reads variables; run.c makes steps by the kernels; derivatives.c differentiates the last one; states.c saves and
+   restores; results.c writes. Instances share nothing that changes but the list of files in image.c. */
+#ifndef RUNTIME_H
+#define RUNTIME_H
 
-#include "../bridge/bridge.h"
+#include "instance.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -51,6 +52,28 @@ enum {
     M_DEPTH_AT, M_RELAXATION_AT, M_DT = 33, M_HEADER = 41
 };
 
+/* What a process hands over that has made the image itself (latin_fmu/cosim/engine.py). The records and the blocks stay its
+   own: it may change what is constant between two calls, and its functions for laws and factors (callouts) find the moving
+   block where they expect it. kernels: their entry. tell: NULL, or called at the moments below; a result other than 0 stops
+   the step. */
+typedef struct {
+    const Word *table;
+    int64_t n_table;
+    const Word *head;
+    const void *records[3];
+    const double *fixed;
+    double *moving;
+    int32_t (*kernels)(const int64_t *slots, void *result);
+    int64_t (*tell)(int64_t what, int64_t a, int64_t b, int64_t c);
+    const char *trouble; /* why tell has stopped a step */
+    int64_t whole;       /* whether fields of the points are kept at all instants of a step */
+    int64_t always;      /* whether tell is called before and after each call of the kernels */
+    int64_t *answered;   /* set by tell; else a signal has ended it before its first line, and the step is stopped */
+} Process;
+/* ABOUT_TO: make b time steps, after a since the start, of a communication step of c; HAVE_MADE: b of those that were wanted,
+   behind a of c; WORKS_ON: the kernels work on the moving block at address a, of b numbers, until the next one. */
+enum { ABOUT_TO, HAVE_MADE, WORKS_ON };
+
 typedef struct Image Image;
 struct Image {
     Image *next;
@@ -62,22 +85,32 @@ struct Image {
     const double *fixed, *moving;
     int64_t n_output, n_state;
     double dt;
+    const Process *process; /* NULL: the image is from files */
+    const Word *run_table;  /* table with what belongs to the run: whole numbers of its state, points pressed at the start */
+    int owns_table;
+    int unlisted;           /* whether it is of one instance alone, and not in the list */
 };
 
 const Image *image_of(const char *folder, const char *token, char *trouble, size_t size);
 void image_freed(const Image *);
+const Image *image_of_table(const char *folder, const char *token, char *trouble, size_t size); /* head: NULL */
+const Image *image_in_memory(const Process *, const Image *files); /* files: NULL, or what the table and the folder are of */
+int fits(const Word *table, size_t n_word);
 uint64_t checksum(const void *words, size_t n_word);
 char *joined(const char *folder, const char *name);
 FILE *file_at(const char *path, const char *how);
 int moved_file(const char *from, const char *to); /* over the file that is there */
 void removed_file(const char *path);
+int is_irregular(const char *path);
 char *content_of(const char *path, size_t *length); /* zero bytes behind it; freed by aligned_free */
 void *aligned(size_t bytes);
 void aligned_free(void *);
 
+/* told: given by the process, not by a table of the host. */
 typedef struct {
     int64_t n;
     double *t, *value; /* one block, at t */
+    int64_t told;
 } History;
 
 /* Rows of n instants from the first on: a number that no other row of the process has, outputs, fields of the points.
@@ -105,6 +138,7 @@ struct Object {
     char *relaxed;           /* record of the run for a time step that has stalled */
     LastStep made;
     int64_t slots[23];       /* of a call of the kernels: address and length of nine arrays, five numbers */
+    int32_t (*kernels)(const int64_t *slots, void *result);
     double *numbers;         /* by reference */
     double *given;           /* value and rate of each input; behind them, of one allocation: */
     double *first;           /* those at the start */
@@ -117,10 +151,23 @@ struct Object {
     double *now;             /* outputs at the present time */
     double *rows, *times, *fields; /* of the last step: outputs, instants (s from the start); fields of the points */
     int64_t n_row, n_fields;
+    int64_t ended;           /* time steps of the last step, -1 where it moved the clock alone */
     Records records;         /* for the results file */
     void **states;           /* given to the host */
     size_t n_state;
+    void *maker;             /* of the image, where it is made when a simulation begins; else NULL */
+    double accuracy;         /* that the host wants then, 0 where it says nothing */
 };
+
+/* Makes the image for these values of the variables and of the inputs at the start, unless it is that; a status. Only in a
+   library with LATIN_FMU_MAKES is an image made (fmu_build/bridge/make.c). */
+#if defined(LATIN_FMU_MAKES)
+int make_image(Instance *, const double *numbers, const double *starts);
+int filled_from_files(Instance *, const char *token, const char *resources);
+void free_maker(struct Object *);
+char *table_of_file(Instance *, const char *path); /* a file as a text of rows, freed by free; NULL after a message */
+#endif
+int made_for_now(Instance *); /* the same for what is set; OK where the image is there from the beginning */
 
 int msg(const Instance *, int status, const char *format, ...); /* logs a message; returns its status */
 const Word *table_of(const Instance *);
@@ -141,17 +188,25 @@ double history_at(const History *, double t);
 int not_finite(const Instance *);
 
 /* run.c */
+int can_start(const Instance *); /* with what is set; else after a message */
+int filled(Instance *, const Image *); /* a new object for an image; 0 after a message */
+int take_image(Instance *, const Image *); /* in the place of the one that is there; 0 after a message */
+int renewed(Instance *);
 int has_arrays(const Instance *);
+int64_t rows_with_fields(const Instance *, int64_t n_row); /* how many of the last rows have fields of the points */
 int64_t size_of_fields(const Instance *);
+int64_t row_now(const Instance *); /* of the present instant: in windowed mode the end of the step */
 int room_for(struct Object *, int64_t n_row, int64_t n_fields, int64_t size_of_fields);
 int solve_histories(Instance *);
-enum { NO_MEMORY = INT32_MIN, BEYOND_LAWS = -1 };
+enum { NO_MEMORY = INT32_MIN, STOPPED, BEYOND_LAWS = -1 };
 int64_t act(struct Object *, int action, int64_t n, int64_t rule, int64_t made, int64_t whole); /* result of the kernels */
-int64_t relaxed(struct Object *, int64_t rule, int64_t made, int64_t whole); /* one time step, after a stall */
+const char *relaxed_record(struct Object *); /* of the run, for a time step that has stalled */
+int told(const struct Object *, int64_t what, int64_t a, int64_t b, int64_t c); /* whether the process stops the step */
 int64_t placed(Instance *, double t, double h);
 int refused_by_kernels(const Instance *, int64_t result, double t, int status);
 
 /* derivatives.c */
+int derivable(Instance *, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m); /* else after a message */
 int room_for_step(struct Object *);
 void no_step(struct Object *);
 void keep_step(struct Object *, double t, double h, int64_t whole, int64_t ended);

@@ -1,5 +1,5 @@
 /* The functions of FMI 3.0 for co-simulation and Model Exchange; those of clocks and binaries are not supported. */
-#include "bridge.h"
+#include "instance.h"
 
 #include <stdbool.h>
 

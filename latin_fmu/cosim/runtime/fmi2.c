@@ -1,5 +1,5 @@
 /* The functions of FMI 2.0 for co-simulation. */
-#include "bridge.h"
+#include "instance.h"
 
 typedef void Logger2(void *, const char *, int, const char *, const char *, ...);
 typedef struct {

@@ -1,8 +1,8 @@
-/* Results of a compiled FMU: one record for each instant that was accepted, written when the simulation is terminated.
+/* Results: one record for each instant that was accepted, written when the simulation is terminated.
 
    results.nc in the resources is a netCDF-3 file that lacks nothing but its records; the table of variables says what a
    record holds, in the order of the file. Numbers of netCDF-3 are big-endian. */
-#include "compiled.h"
+#include "runtime.h"
 
 #include <stdio.h>
 
@@ -19,7 +19,7 @@ static size_t width(const Instance *c) { return (size_t)(1 + c->fmu->image->n_ou
 static int64_t instant_now(const Instance *c)
 {
     const struct Object *o = c->fmu;
-    if (parameter(c, T_MODE, 0.0) == PRESCRIBED) return o->n_row - 1;
+    if (parameter(c, T_MODE, 0.0) == PRESCRIBED || o->moving == NULL) return o->n_row - 1;
     return (int64_t)o->moving[o->image->head[M_PROGRESS].i];
 }
 
