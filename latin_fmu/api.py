@@ -290,7 +290,9 @@ def _attempted(
     checkpoint, stream = options.checkpoint, options.stream
     while True:
         ready = prepared(scene, *given, stream is not None, options.processes, attempt)
-        problem, left_out, timings = ready.problem, ready.problem.untouched, Timings()
+        problem = ready.problem
+        left_out = ready.problem.untouched
+        timings = Timings()
         if stream is not None:
             check_folder(stream, least_output(ready.prediction))
         timings.setup = clock.process_time() - limit.begin
@@ -371,7 +373,9 @@ def _derivatives(
     computed: the results of the run do not depend on them."""
     if tangent is None:
         return outcome, None, None
-    begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
+    begin = clock.process_time()
+    made = None
+    lost = "the run has not converged to its end"
     spectra = spectra_of(outcome, scene.sensor)
 
     def check() -> None:
@@ -496,19 +500,25 @@ def _marched(
     problem: SolverReadyProblem, timings: Timings | None, options: RunOptions, wall_start: float | None, digest: str
 ) -> tuple[Outcome, Recorder]:
     """As ``run``, with what was recorded."""
-    observer, progress, checkpoint = options.observer, options.progress, options.checkpoint
+    observer = options.observer
+    progress = options.progress
+    checkpoint = options.checkpoint
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin = clock.process_time()
     part = None if options.processes is None else Part(assembly, options.processes)
-    reduced, settings, held = problem.reduced, problem.settings, assembly
+    reduced = problem.reduced
+    settings = problem.settings
+    held = assembly
     held = held if problem.grouped is None else problem.grouped.assembly
     if reduced is None:
         # of the substructures of this process, where there are several
         recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
     else:
-        recorder, settings, held = reduced.recorder(problem.output.energy), reduced.settings(settings), reduced.assembly
+        recorder = reduced.recorder(problem.output.energy)
+        settings = reduced.settings(settings)
+        held = reduced.assembly
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None

@@ -290,7 +290,11 @@ class _Search:
     """The search for the factor; ``estimates`` holds the largest estimated error of the target quantities by factor."""
 
     def __init__(self, scene: Scene, sequence: RefinementSequence, target: float, limit: float, log: Log) -> None:
-        self.scene, self.sequence, self.target, self.limit, self.log = scene, sequence, target, limit, log
+        self.scene = scene
+        self.sequence = sequence
+        self.target = target
+        self.limit = limit
+        self.log = log
         self.estimates: dict[float, QuantityEstimate] = {}
 
     def run(self) -> Choice:

@@ -244,7 +244,9 @@ def quantity_estimate(
     definition, owner = definition_of(quantity), quantity.rpartition(".")[0]
     # ratios of the steps: the mesh has the same one, or cannot change
     (at, fine), (at_half, half) = runs[:2]
-    ratios, quarter, one_way = (at.time / at_half.time, 2.0 * at.time / at_half.time), math.nan, True
+    ratios = (at.time / at_half.time, 2.0 * at.time / at_half.time)
+    quarter = math.nan
+    one_way = True
     if len(runs) > 2:
         at_last, coarsest = runs[2]
         ratios = ratios[0], at.time / at_last.time
@@ -306,7 +308,9 @@ class CoarserRuns:
         if "half" not in coarser:
             return ()
         made = ((at, coarser[name]) for name, at in self.by_name().items() if name in coarser)
-        runs, sampling, front = [(Resolution(), fine), *made], sampling_error(scene), has_front(fine)
+        runs = [(Resolution(), fine), *made]
+        sampling = sampling_error(scene)
+        front = has_front(fine)
         return tuple(quantity_estimate(scene, q, runs, sampling, front) for q in fine.values)
 
 

@@ -325,8 +325,13 @@ class StudyRuns:
         return self.budget - self.spent
 
 
-TOGETHER, SPACE, TIME, TOLERANCE = "together", "space", "time", "tolerance"
-REDUCTION, WINDOWS, REFERENCE = "reduction", "windows", "reference"
+TOGETHER = "together"
+SPACE = "space"
+TIME = "time"
+TOLERANCE = "tolerance"
+REDUCTION = "reduction"
+WINDOWS = "windows"
+REFERENCE = "reference"
 """Series of runs."""
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4)
@@ -617,7 +622,9 @@ def _order(rows: list[Row], quantity: str, mesh: bool) -> float:
     half, quarter = (min(runs, key=lambda f: abs(math.log(part * f / finest))) for part in (2.0, 4.0))
     if not finest > half > quarter:
         return math.nan
-    a, b, c = runs[finest], runs[half], runs[quarter]
+    a = runs[finest]
+    b = runs[half]
+    c = runs[quarter]
     if quantity not in a.values or not same_way(quantity, a, b, c):
         return math.nan
     changes = relative(quantity, a, a, b), relative(quantity, a, b, c)

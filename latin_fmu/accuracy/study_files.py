@@ -50,7 +50,9 @@ def datatree(study: Study) -> xr.DataTree:
 
 
 def _runs(study: Study) -> xr.Dataset:
-    rows, quantities, label = study.rows, study.quantities, study.scene.unit_system.label
+    rows = study.rows
+    quantities = study.quantities
+    label = study.scene.unit_system.label
     table = xr.Dataset(coords={"quantity": _texts(quantities)})
     # texts are labels: numbers of two studies can be subtracted
     table.coords["quantity_unit"] = ("quantity", _texts([label(definition_of(q).unit) for q in quantities]))

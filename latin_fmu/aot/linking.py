@@ -119,7 +119,9 @@ def undefined(content: bytes) -> Iterator[str]:
     for section in sections:
         if section[1] not in _SYMBOL_TABLES:
             continue
-        offset, length, names = section[4], section[5], sections[section[6]]
+        offset = section[4]
+        length = section[5]
+        names = sections[section[6]]
         for at in range(offset, offset + length, 24):
             # Elf64_Sym: st_name, st_info with the binding in its upper half, st_other, st_shndx with 0 for undefined
             name, kind, _, index = struct.unpack_from("<IBBH", content, at)

@@ -222,7 +222,10 @@ class _Slots:
     """Arguments of a kernel from the 8-byte slots of a call (see ``compiled.declare``)."""
 
     def __init__(self, context: Any, builder: Any, slots: Any) -> None:
-        self._context, self._builder, self._slots, self._next = context, builder, slots, 0
+        self._context = context
+        self._builder = builder
+        self._slots = slots
+        self._next = 0
 
     def _word(self) -> Any:
         place = self._builder.gep(self._slots, [ir.Constant(_WORD, self._next)])

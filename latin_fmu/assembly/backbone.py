@@ -245,7 +245,10 @@ class _Shape:
                 [Problem("mode", "the assembly has fewer elastic modes", str(mode), f"1 to {n}")], "no backbone"
             )
         full = modes.expansion @ modes.vectors[:, [number, *range(modes.n_rigid)]]
-        pulled, forces, rows, moved = parts.mass @ full, {}, {}, {}
+        pulled = parts.mass @ full
+        forces = {}
+        rows = {}
+        moved = {}
         for name, model in parts.models.items():
             own = parts.where[name]
             forces[name] = pulled[own, 0]
@@ -376,7 +379,9 @@ def _searched(
 ) -> _Loops:
     """Loops whose amplitudes are those wanted (n,), m, to the share ``within``; ``stiffness`` : levels of the linear
     mode over amplitudes. Raises SolverError: no load makes an amplitude."""
-    levels, known, limit = wanted * stiffness, dict[float, float](), np.inf
+    levels = wanted * stiffness
+    known = dict[float, float]()
+    limit = np.inf
     fails, lost = 0, ""
     for _ in range(_TRIES):
         made = loops(levels)
@@ -409,7 +414,9 @@ def _interpolated(known: Mapping[float, float], wanted: Array, limit: float) -> 
     moved = amplitudes > 0.0
     if not moved.any():
         return np.asarray(np.minimum(2.0 * levels[-1] * wanted / wanted[-1], limit))
-    x, y, at = np.log(amplitudes[moved]), np.log(levels[moved]), np.log(wanted)
+    x = np.log(amplitudes[moved])
+    y = np.log(levels[moved])
+    at = np.log(wanted)
     x, first = np.unique(x, return_index=True)
     y = y[first]
     slope = (y[-1] - y[-2]) / (x[-1] - x[-2]) if len(x) > 1 else _STEEPEST
@@ -473,7 +480,9 @@ def _run(
 
 def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tolerance: float) -> Backbone:
     """The backbone from the histories of a run."""
-    path, q, histories = made.path, made.q, made.histories
+    path = made.path
+    q = made.q
+    histories = made.histories
     assert q is not None
     assert histories is not None
     power = sum((h.friction_power for h in histories.values() if h.friction_power is not None), np.zeros(len(q)))

@@ -86,7 +86,9 @@ class Shape:
     def __init__(
         self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False, moduli: Array | None = None
     ) -> None:
-        self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
+        self.mesh = mesh
+        self.material = material
+        self.bending_modes = bending_modes
         self.moduli = moduli
         """Moduli (n_cell,) over that of the material; None where all are 1."""
 

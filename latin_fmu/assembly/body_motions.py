@@ -37,7 +37,9 @@ class BodyMotions(Propagator):
         model = self.members[0]
         if model.mass is None:
             n, stiffness = model.expansion.shape[1], model.reduced_stiffness
-            mass, damping, massless = sp.csr_array((n, n)), None, np.zeros(0, dtype=np.int64)
+            mass = sp.csr_array((n, n))
+            damping = None
+            massless = np.zeros(0, dtype=np.int64)
         else:
             (mass, damping, stiffness), massless = model.reduced, model.massless
         dofs, trace, _ = model.at_interface

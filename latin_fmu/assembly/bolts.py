@@ -295,7 +295,10 @@ class OpenedMesh:
     """
 
     def __init__(self, mesh: Mesh, cuts: Iterable[BoltCut], shortening: Mapping[str, float]) -> None:
-        blocks, added, shifts, n = [block.cells.copy() for block in mesh.blocks], [], [], mesh.n_node
+        blocks = [block.cells.copy() for block in mesh.blocks]
+        added = []
+        shifts = []
+        n = mesh.n_node
         for cut in cuts:
             own = np.arange(mesh.n_node)
             own[cut.nodes] = n + np.arange(len(cut.nodes))

@@ -58,7 +58,9 @@ class BondRecovery:
     """
 
     def __init__(self, group: BondGroup, bodies: Assembly, start: Mapping[str, Array]) -> None:
-        self._group, self._bodies, self._start = group, bodies, start
+        self._group = group
+        self._bodies = bodies
+        self._start = start
         layout, model = bodies.layout, group.model
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in group.models], format="csr"))
         self._forces = BondForces(group.bonded, layout, group.trace, expansion)

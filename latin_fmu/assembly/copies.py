@@ -235,7 +235,10 @@ def _run(stage: Stage, copies: Sequence[_Copy], progress: Progress | None) -> Ru
     assembly = assembled(stage, list(_classes(base, copies, places)), units, layout, impedance)
     assembly.characteristic_traction = max(copy.problem.characteristic_traction for copy in copies)
     assembly.rest_traction = stage.ready.assembly.rest_traction
-    histories, ground, sensors, bolts = dict[str, Any](), dict[int, Array](), dict[str, Any](), dict[str, Any]()
+    histories = dict[str, Any]()
+    ground = dict[int, Array]()
+    sensors = dict[str, Any]()
+    bolts = dict[str, Any]()
     for i, copy in enumerate(copies):
         timeline, time = copy.problem.timeline_with(copy.bolts), copy.problem.time
         if copy.start is not None:

@@ -48,7 +48,9 @@ def displaced_start(problem: DiscretisedProblem, state: InitialState | None) -> 
     if not names:
         return replace(state, sets_off=bool(falling_in(problem)))
     shifts = {name: _shift(problem.bodies[name], problem.conditions[name]) for name in names}
-    displacement, traction, problems = dict(state.displacement), dict(state.traction), Problems()
+    displacement = dict(state.displacement)
+    traction = dict(state.traction)
+    problems = Problems()
     for name, shift in shifts.items():
         displacement[name] = displacement[name] + shift
     for unit in problem.units:

@@ -101,7 +101,9 @@ def eigenvalues(omega: Array, damping: Array, strained: Sequence[ProjectedStiffn
 
 def pole_of(s: complex, x: Complex, squares: Array, damping: Array, strained: Sequence[ProjectedStiffness]) -> complex:
     """The s near a given one for which x^T D(s) x = 0, by Newton's method."""
-    inertia, viscous, elastic = complex(x @ x), complex(x @ (damping @ x)), complex(x @ (squares * x))
+    inertia = complex(x @ x)
+    viscous = complex(x @ (damping @ x))
+    elastic = complex(x @ (squares * x))
     parts = [(part.branches, complex(x @ (part.stiffness @ x))) for part in strained]
     for _ in range(_NEWTON):
         value = inertia * s * s + viscous * s + elastic

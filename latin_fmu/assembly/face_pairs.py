@@ -136,7 +136,9 @@ class _MortarPair:
 
     def _directions(self, side: int) -> tuple[Array, Array]:
         """Projectors of ``_held_directions``."""
-        part, held, other = self.mortar(side), self._held[side], self._held[1 - side]
+        part = self.mortar(side)
+        held = self._held[side]
+        other = self._held[1 - side]
         assert part is not None
         if held is None or other is None:
             none = np.zeros((len(part.areas), 3, 3))

@@ -350,7 +350,9 @@ class FreeGroup:
     def work(self, forces: Iterable[tuple[str, Array, Array]]) -> tuple[float, Array]:
         """Largest work of nodal forces on a free motion, over what all of them would do where it is largest, and their
         resultant (3,), N, at that instant, along the axes that the group can move along; forces as of ``acting``."""
-        net, gross, resultant = np.zeros((1, self.n)), np.zeros((1, self.n)), np.zeros((1, 3))
+        net = np.zeros((1, self.n))
+        gross = np.zeros((1, self.n))
+        resultant = np.zeros((1, 3))
         widest = np.max([np.linalg.norm(_nodal(m), axis=1).max(axis=0) for m in self.motions.values()], axis=0)
         for name, pattern, amplitude in forces:
             if name in self.motions:

@@ -342,7 +342,9 @@ class _Basis:
     def of(excitations: _Excitations, forces: Array, highest: float | None, ratios: Array | None) -> _Basis:
         """Coordinates for forces (n, n_force) up to a frequency, Hz, that of the last of the lowest modes where None.
         Raises InputError: there is no damping."""
-        joined, modes, count = excitations.joined, excitations.modes, _FIRST
+        joined = excitations.joined
+        modes = excitations.modes
+        count = _FIRST
         top = _BEYOND * (modes.omega[-1] if highest is None else 2 * np.pi * highest)
         # fewer than were requested: the assembly has no more
         while modes.omega[-1] < top and len(modes.omega) - modes.n_rigid >= count and count < _MOST:

@@ -204,7 +204,9 @@ def _jump(unit: InterfaceUnit, bodies: Mapping[str, Body], field: str) -> tuple[
 def _velocities_differ(scene: Scene, unit: InterfaceUnit, bodies: Mapping[str, Body]) -> bool:
     """Whether the sides of an interface start with different velocities: translation, spin and fields of the bodies,
     and the motion of the ground."""
-    jump, level, tears = np.zeros((unit.geometry.n_point, 3)), 0.0, 0.0
+    jump = np.zeros((unit.geometry.n_point, 3))
+    level = 0.0
+    tears = 0.0
     for side, (face, trace) in enumerate(zip(unit.sides, unit.geometry.traces, strict=True)):
         if face == GROUND or trace is None:
             moving = scene.joints[unit.name].ground_velocity

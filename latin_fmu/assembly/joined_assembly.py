@@ -75,7 +75,10 @@ class JoinedAssembly:
         interface; the others by their gap."""
         models = {m.name: m for c in discretised.classes for m in c.members}
         parts = Parts.of([models[name] for name in discretised.bodies])
-        rows, springs, dashpots, remarks = [sp.csr_array((0, parts.n))], [], [], []
+        rows = [sp.csr_array((0, parts.n))]
+        springs = []
+        dashpots = []
+        remarks = []
         relaxing, grounded = list[BranchedStiffness](), list[BranchedStiffness]()
         to_ground = sp.csr_array((parts.n, parts.n))
         for unit in discretised.units:

@@ -228,7 +228,9 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     Rayleigh-Ritz on the given modes and on what inverse iteration with the mass of the scheme adds to them: nodes
     without mass move otherwise than the consistent mass makes them.
     """
-    vibration, given, n_rigid = modes.vibration, modes.vectors, modes.n_rigid
+    vibration = modes.vibration
+    given = modes.vectors
+    n_rigid = modes.n_rigid
     moved = sp.csr_array(modes.expansion.T @ mass @ modes.expansion)
     change = (moved - vibration.mass) @ given
     # no node has lost its mass: the modes are those of the scheme

@@ -122,7 +122,10 @@ _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved 
 _WITH_MASS = ("hht", "newmark")  # implicit schemes with mass on the contact nodes
 _CLOSED = 1e-9  # gaps up to this share of the size of a body, approaches of its velocity: round-off of closed ones
 _MASSLESS = 1.0  # largest one at which massless_contact keeps the energy (1.002 of it; 1.04 at 2, 1.5 at 4)
-_STEEP, _PART, _SAMPLES = 0.2, 0.05, 4097  # a front: change of a load while a wave crosses this part of a body
+# a front: change of a load while a wave crosses this part of a body
+_STEEP = 0.2
+_PART = 0.05
+_SAMPLES = 4097
 # viscosity of elements at faces closed from the start over that of those that land: a front that crosses the joint
 # loses 0.4 % of its energy in them (bars of 40 elements; 1.6 % with 1) with a peak 3 % above that of bonded bars (6 %
 # with 0), and a clamped joint at rest stays quiet (with 0 its round-off grows by a half in 1e4 instants)
@@ -329,7 +332,10 @@ def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit
 def _steepest(law: TimeLaw, end: float, within: float, static: bool) -> float:
     """Largest change of a law in a time ``within``, s, relative to its largest value; looked for closely where it
     changes most. ``static``: the motion starts from the equilibrium under its first value."""
-    first, last, largest, jump = 0.0, end, 0.0, 0.0
+    first = 0.0
+    last = end
+    largest = 0.0
+    jump = 0.0
     while True:
         times = np.linspace(first, last, _SAMPLES)
         values = law.sample(times)
@@ -410,7 +416,9 @@ def unforeseen_landings(
     """By interface that no body lands on at the start, and whose faces the step dt (s) is too short for with this
     scheme: what to say where it closes by an impact during the run."""
     waiting = [u for u in _opening(units) if not _lands(bodies, u)] if scheme.name in _WITH_MASS else []
-    made, crossing, remedy = dict[str, str](), dict[str, float](), ""
+    made = dict[str, str]()
+    crossing = dict[str, float]()
+    remedy = ""
     for unit in waiting:
         for name in {name for _, _, name in body_sides([unit]) if not bodies[name].rigid} - crossing.keys():
             body = bodies[name]

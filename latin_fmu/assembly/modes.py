@@ -138,7 +138,9 @@ def _named(
     """The modes by substructure, the largest nodal displacement of each 1; ``near``, ``closed`` : of
     ``VibrationModes``."""
     parts, scene = joined.parts, joined.discretised.scene
-    full, omega, shapes = modes.expansion @ modes.vectors, modes.omega, {}
+    full = modes.expansion @ modes.vectors
+    omega = modes.omega
+    shapes = {}
     frequency = omega / (2 * np.pi)
     if (damped := joined.eigenvalues(modes)) is not None:
         frequency = np.abs(damped) / (2 * np.pi)

@@ -31,7 +31,9 @@ from .interfaces import between
 from .problem import DiscretisedProblem
 from .wave_pace import waves_count
 
-MODULUS, DENSITY, SPEED = (1e6, 1.3e12), (10.0, 25e3), (50.0, 2e4)
+MODULUS = (1e6, 1.3e12)
+DENSITY = (10.0, 25e3)
+SPEED = (50.0, 2e4)
 """Ranges of Young's modulus, Pa, of the density, kg m-3, and of sqrt(E / rho), m s-1."""
 FRICTION: Final = 2.0
 """Largest coefficient of dry friction."""
@@ -47,7 +49,9 @@ _COINCIDENT = 1e-6  # of the size of the body
 
 def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
     """All remarks of this module on a scene."""
-    scene, bodies, units = problem.scene, problem.bodies, problem.units
+    scene = problem.scene
+    bodies = problem.bodies
+    units = problem.units
     of_units = [] if meant_system(scene) else size_remarks(bodies)
     return [
         *([*of_units, *_material_remarks(scene)] if scene.unit_system.measurable else []),

@@ -468,9 +468,15 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
 
 def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tuple[SubstructureModel, Index]:
     """Model of a substructure and the flat indices of its channels (n_channel,)."""
-    body, held, scheme = problem.bodies[name], problem.conditions[name], problem.scheme
-    units, layout, layer = problem.units, problem.layout, problem.layers.get(name)
-    areas, preloads, channels = [], [], []
+    body = problem.bodies[name]
+    held = problem.conditions[name]
+    scheme = problem.scheme
+    units = problem.units
+    layout = problem.layout
+    layer = problem.layers.get(name)
+    areas = []
+    preloads = []
+    channels = []
     own = [(i, side) for i, side, owner in body_sides(units) if owner == name]
     for i, side in own:
         unit, n_component = units[i], units[i].behaviour.n_component

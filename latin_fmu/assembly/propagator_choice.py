@@ -159,7 +159,9 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
     factor = multiplications = swept = 0.0
     if takes_sweeps(model, interfaces):
         shape = swept_shape(model)
-        factor, multiplications, swept = float(shape.panel_start[-1]), flops(shape), float(shape.face_entries)
+        factor = float(shape.panel_start[-1])
+        multiplications = flops(shape)
+        swept = float(shape.face_entries)
     elif n:
         from ..cholesky.symbolic import Pattern, shared_analysis
 
@@ -179,7 +181,10 @@ def divided(
     if processes == 1:
         return classes, (), ()
     costs = [_march_cost(scene, c.members[0]) for c in classes for _ in c.members]
-    ranks, parts, owner, part_of = iter(distributed(costs, processes)), list[ModelClass](), list[int](), list[int]()
+    ranks = iter(distributed(costs, processes))
+    parts = list[ModelClass]()
+    owner = list[int]()
+    part_of = list[int]()
     first: list[int] = []  # part of each class
     for number, c in enumerate(classes):
         own = np.array([next(ranks) for _ in c.members])

@@ -101,9 +101,13 @@ class Motions:
     def shapes(self) -> Array:
         """(n_full, n_shape): rigid motions and modes, relative motions, loads, driven faces."""
         reduced, tied = self.march.reduced, self.march.reduced.tied
-        n, relative, driven = tied.n_free, self._relative[0], self.march.drives.shapes
+        n = tied.n_free
+        relative = self._relative[0]
+        driven = self.march.drives.shapes
         of_free, of_relative = sp.csr_array(tied.expansion[:, :n]), sp.csr_array(tied.expansion[:, n:])
-        first, m, loads = reduced.rigid.shape[1], reduced.n_mode, reduced.static_loads
+        first = reduced.rigid.shape[1]
+        m = reduced.n_mode
+        loads = reduced.static_loads
         end = m + relative.shape[1]
         made = np.empty((len(driven), end + loads.shape[1] + driven.shape[1]))
         made[:, :first] = of_free @ reduced.rigid
@@ -121,7 +125,9 @@ class Motions:
     def amplitudes(self) -> Array:
         """Of the shapes: of displacements, velocities and accelerations, (3, n_time, n_shape)."""
         reduced, drives = self.march.reduced, self.march.drives
-        first, m, n_time = reduced.rigid.shape[1], reduced.n_mode, len(self.modes)
+        first = reduced.rigid.shape[1]
+        m = reduced.n_mode
+        n_time = len(self.modes)
         loads = drives.amplitudes[:, :n_time].T, drives.rates[:, :n_time].T / self.march.bodies.dt
         static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
         shapes, relative = self._relative
@@ -183,7 +189,9 @@ class Motions:
     def internal_forces(self) -> Array:
         """K u + C v + M a less the loads, (n_row, n_time), N, of the bodies and the joints with springs and dashpots,
         at the dofs of bonded faces."""
-        tied, drives, n_time = self.march.reduced.tied, self.march.drives, len(self.modes)
+        tied = self.march.reduced.tied
+        drives = self.march.drives
+        n_time = len(self.modes)
         rows = self._bonded_dofs
         out = np.empty((len(rows), n_time))
         for model in tied.models:
@@ -221,11 +229,9 @@ class Motions:
         if not bonded:
             return {}
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
-        bonds, internal, rows = (
-            BondForces(bonded, layout, tied.trace, expansion),
-            self.internal_forces(),
-            self._bonded_dofs,
-        )
+        bonds = BondForces(bonded, layout, tied.trace, expansion)
+        internal = self.internal_forces()
+        rows = self._bonded_dofs
         made: dict[int, list[Array]] = {i: [] for i in bonded}
         for at in range(0, internal.shape[1], _INSTANTS):
             part = slice(at, at + _INSTANTS)
@@ -383,7 +389,9 @@ class RecoveredRecorder(Recorder):
         tables: Mapping[Any, Array] = kept.series("energy")
         terms = tables[0][:, :, 0].copy()  # by number of the class
         drives, reduced = march.drives, march.reduced
-        moved, motions, m = drives.shapes.shape[1], self._motions, reduced.n_mode
+        moved = drives.shapes.shape[1]
+        motions = self._motions
+        m = reduced.n_mode
         modes, relative = motions.modes[:n], motions.relative[:n]
         speed = np.gradient(relative, march.bodies.dt, axis=0) if moved and n > 1 else np.zeros_like(relative)
         k_d, m_d = (drives.shapes.T @ reduced.tied.times(kind, drives.shapes) for kind in (STIFFNESS, MASS))
@@ -407,8 +415,12 @@ class RecoveredRecorder(Recorder):
 
     def _static_energy(self, n_load: int) -> Array:
         """Energy (n,), J, of the static responses to the loads of the scene that modes and relative motions leave."""
-        reduced, drives, n = self._march.reduced, self._march.drives, self.n_kept
-        first, m, free = reduced.rigid.shape[1], reduced.n_mode, reduced.tied.n_free
+        reduced = self._march.reduced
+        drives = self._march.drives
+        n = self.n_kept
+        first = reduced.rigid.shape[1]
+        m = reduced.n_mode
+        free = reduced.tied.n_free
         own = reduced.forces[:free, :n_load].T @ reduced.static_loads[:, :n_load]
         modes = reduced.drives[first:m, :n_load]
         own = own - modes.T @ (modes / reduced.marched.values[:, None])

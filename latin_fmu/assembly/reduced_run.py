@@ -83,7 +83,9 @@ def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) ->
     """Loads and driven faces of an assembly whose bodies have begun."""
     n, n_time = tied.expansion.shape[0], len(bodies.time)
     places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
-    columns, amplitudes, moved = [np.zeros((n, 0))], [np.zeros((0, n_time))], [np.zeros((3, 0, n_time))]
+    columns = [np.zeros((n, 0))]
+    amplitudes = [np.zeros((0, n_time))]
+    moved = [np.zeros((3, 0, n_time))]
     for model in tied.models:
         propagator, member = places[model.name]
         for load, amplitude in zip(model.loads, propagator.forcing.amplitudes[member], strict=True):

@@ -86,7 +86,9 @@ class RigidParts:
         sound = sizes > _WITHOUT_MASS * sizes.max(initial=0.0)
         whiten = turn[:, sound] / np.sqrt(sizes[sound])
         # per unit of mass: E^T B of the modes as they are, M_left of those that are marched
-        shares, rows, marched = whiten.T @ (beyond.T @ self.relative) @ whiten, whiten.T @ beyond.T, of_modes @ whiten
+        shares = whiten.T @ (beyond.T @ self.relative) @ whiten
+        rows = whiten.T @ beyond.T
+        marched = of_modes @ whiten
         left, directions = la.eigh(0.5 * (shares + shares.T))
         directions, left = directions[:, left > _LEFT], left[left > _LEFT]
         lacking = directions.T @ (np.eye(len(whiten.T)) - marched.T @ marched) @ directions

@@ -244,7 +244,10 @@ class SegmentState:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self.made, self.running, self.stored, self.run = 0, {}, None, None
+        self.made = 0
+        self.running = {}
+        self.stored = None
+        self.run = None
 
 
 class SegmentedRun(SegmentState):

@@ -314,7 +314,9 @@ def _copies(
     operators: OperatorChanges | None,
 ) -> tuple[list[list[SubstructureModel]], dict[str, Histories]]:
     """Members of each class, those of the first parameter first, and what drives them by name."""
-    classes, histories, time = list[list[SubstructureModel]](), dict[str, Histories](), stage.problem.time
+    classes = list[list[SubstructureModel]]()
+    histories = dict[str, Histories]()
+    time = stage.problem.time
     ramps = [_ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
     for c in stage.problem.classes:
         members = []
@@ -370,7 +372,9 @@ class OperatorChanges:
         bolts: Mapping[str, BoltPlace],
         copies: int,
     ) -> None:
-        base, problem, self._copies = stage.ready.assembly, stage.problem, copies
+        base = stage.ready.assembly
+        problem = stage.problem
+        self._copies = copies
         ready = replace(problem, kept=twins(stage)).build(stage.start, stage.kept)
         ready.assembly.rest_traction = -1.0
         recorder = Recorder(ready.assembly, OutputRequest(bolts=bolts), {})
@@ -667,7 +671,9 @@ def _state_after(
 ) -> StateChange:
     """Derivative of the state at the end of a static stage, as ``statics.state_at_end`` and ``statics._locked``."""
     assembly, head = run.assembly, named(copy, "")
-    displacement, traction, closure = dict[str, Array](), dict[str, Array](), dict[str, Array]()
+    displacement = dict[str, Array]()
+    traction = dict[str, Array]()
+    closure = dict[str, Array]()
     for p in assembly.propagators:
         imposed = p.forcing.imposed_u(p.instant)
         for j, member in enumerate(p.members):
@@ -687,7 +693,9 @@ def _state_after(
             whole = stage.ready.assembly.layout.group(number)
             end = whole.block(stage.rows.f_hat[-1])[0, whole.members[number]]
             closure[name] = np.where(end[:, 0] < 0.0, gaps[id(group)][points], 0.0)
-    shortening, tension, solved = dict(state.shortening), dict[str, float](), stage.end
+    shortening = dict(state.shortening)
+    tension = dict[str, float]()
+    solved = stage.end
     assert solved is not None, "the end of a static stage"
     for name, cut in stage.problem.cuts.items():
         u = displacement.get(cut.table.substructure)

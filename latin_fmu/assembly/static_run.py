@@ -68,7 +68,9 @@ class StaticMarch:
     def tractions(self, f_hat: Array) -> dict[str, Array]:
         """Tractions (n_point, n_component) on side E of all interfaces at the present instant, Pa, by name; ``f_hat``
         (n_flat,) of the relative motions."""
-        whole, units, layout = self.whole, self.problem.units, self.problem.layout
+        whole = self.whole
+        units = self.problem.units
+        layout = self.problem.layout
         made = {unit.name: f_hat[whole.layout.channels(j, 0)] for j, unit in enumerate(whole.units)}
         if whole.bonded:
             model, on_points = whole.model, f_hat[whole.channels] * whole.model.channel_area

@@ -582,7 +582,9 @@ def tightened(
     scene, cuts = static_scene(whole.scene, {}, loaded=False), whole.cuts
     state = start
     bolts = TightBolts(dict.fromkeys(cuts, 0.0))
-    increments, iterations, remarks = 0, 0, dict.fromkeys(() if start is None else start.remarks)
+    increments = 0
+    iterations = 0
+    remarks = dict.fromkeys(() if start is None else start.remarks)
     for order in sorted({cut.table.order for cut in cuts.values()}):
         group = [cut for cut in cuts.values() if cut.table.order == order]
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))

@@ -59,7 +59,9 @@ class Joints(NamedTuple):
         ------
         TieError : springs that relax, or are stressed by a gap or a preload; dashpots.
         """
-        bonded, linear, relative = list[int](), list[int](), list[int]()
+        bonded = list[int]()
+        linear = list[int]()
+        relative = list[int]()
         for i, unit in enumerate(units):
             if isinstance(unit.behaviour, MaxwellJoint):
                 raise TieError(f"interface {unit.name} has springs that relax")
@@ -103,7 +105,9 @@ def eliminated(rows: sp.csr_array, moved: Array, weights: sp.csr_array) -> Elimi
         filled = np.diff(left.indptr) > 0
         exists[_without_motion(moved[~filled], sp.csr_array(weights[np.flatnonzero(~filled)]))] = False
         kept = np.flatnonzero(filled)
-        left, moved, weights = sp.csr_array(left[kept]), moved[kept], sp.csr_array(weights[kept])
+        left = sp.csr_array(left[kept])
+        moved = moved[kept]
+        weights = sp.csr_array(weights[kept])
         if not len(kept):
             break
         own, chosen, inverse = _pivots(left)
@@ -213,7 +217,10 @@ def _block_inverse(matrix: sp.csr_array) -> tuple[sp.csr_array, list[Index]]:
     order, columns = (np.argsort(part, kind="stable") for part in (label[:n], label[n:]))
     of_rows, of_columns = (np.bincount(part, minlength=count) for part in (label[:n], label[n:]))
     none = np.zeros(0, dtype=np.int64)
-    rows_at, columns_at, values, apart = [none], [none], [np.zeros(0)], list[Index]()
+    rows_at = [none]
+    columns_at = [none]
+    values = [np.zeros(0)]
+    apart = list[Index]()
     first = second = 0
     for height, width in zip(of_rows.tolist(), of_columns.tolist(), strict=True):
         r, c = order[first : first + height], columns[second : second + width]
@@ -329,7 +336,9 @@ class TiedAssembly:
 
 def channel_trace(classes: Sequence[ModelClass], layout: Layout, where: Mapping[str, slice], n: int) -> sp.csr_array:
     """Trace (n_flat, n_full) from the full dofs of all bodies to the channels."""
-    rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    rows = [np.zeros(0, np.int64)]
+    columns = [np.zeros(0, np.int64)]
+    values = [np.zeros(0)]
     for c in classes:
         for j, model in enumerate(c.members):
             trace = model.trace.tocoo()
@@ -345,7 +354,9 @@ def joint_rows(
 ) -> tuple[sp.csr_array, sp.csr_array, Index]:
     """Rows J (k, n_full) in global axes where a point has three components, their weights (k, n_r), and the channels
     (n_r,) of the relative motions: those of side E."""
-    rows, weights, channels = [sp.csr_array((0, trace.shape[1]))], list[sp.csr_array](), list[Index]()
+    rows = [sp.csr_array((0, trace.shape[1]))]
+    weights = list[sp.csr_array]()
+    channels = list[Index]()
     for i in (*joints.bonded, *joints.relative):
         unit, first = units[i], layout.channels(i, 0)
         sign = 1.0 if unit.geometry.owner == 0 else -1.0  # entries of the owner are the pivots

@@ -37,7 +37,9 @@ class Timeline:
         elongation: Mapping[str, Array] = NO_ELONGATION,
         histories: Mapping[str, Array] = NO_ELONGATION,
     ) -> None:
-        self._scene, self._conditions, self._laws = scene, conditions, scene.force_laws
+        self._scene = scene
+        self._conditions = conditions
+        self._laws = scene.force_laws
         self._bolts = {load_name(name): ramp for name, ramp in bolts.items()}
         self._elongation = {load_name(name): q for name, q in elongation.items()}
         self._histories = histories

@@ -117,7 +117,9 @@ class Yielding:
         if bolt.name not in self._before:
             return self._losses.setdefault(bolt.name, TensionLoss(np.full(len(q), first), np.zeros(0)))
         step, loss = q - self._before[bolt.name][0], self._before[bolt.name][1] - bolt.force
-        lost, low, high = self._losses[bolt.name], _BOUNDS[0] * first, _BOUNDS[1] * first
+        lost = self._losses[bolt.name]
+        low = _BOUNDS[0] * first
+        high = _BOUNDS[1] * first
         if self._still:
             changed = np.abs(step) > _LEAST * np.abs(step).max()
             lost.kappa[changed] = np.clip(loss[changed] / step[changed], low, high)

@@ -367,7 +367,10 @@ class _Reader:
             allowed, remedy = f"1 to {_MOST_MODES}", "elastic modes count from 1, as latin-fmu modes lists them"
             what = "not a number of a mode"
         else:
-            wrong, allowed, what, remedy = along <= 0.0, "> 0", "not an amplitude", "remove the row"
+            wrong = along <= 0.0
+            allowed = "> 0"
+            what = "not an amplitude"
+            remedy = "remove the row"
         for i in np.flatnonzero(wrong).tolist():
             self._say(what, numbers[i], value=f"{along[i]:g}", allowed=allowed, remedy=remedy)
         for i, name in enumerate(names):

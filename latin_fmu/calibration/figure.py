@@ -44,7 +44,9 @@ def calibration_figure(made: Calibration) -> Figure:
 
 def _draw(fit: ColumnFit, made: Calibration, above: Axes, below: Axes) -> None:
     """One column of data."""
-    units, table, data = made.scene.unit_system, fit.table, fit.column.values
+    units = made.scene.unit_system
+    table = fit.table
+    data = fit.column.values
     x, x_unit = prefix_for(float(table.along.max()), units.label(table.along_unit), figure=True)
     y, y_unit = prefix_for(float(np.abs(data).max()), units.shown(fit.column.unit), figure=True)
     along = table.along / x

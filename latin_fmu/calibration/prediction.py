@@ -69,7 +69,9 @@ class Predictor:
     def __init__(
         self, scene: Scene, tables: Sequence[MeasuredTable], parameters: Sequence[Names], mode: int, increments: int
     ) -> None:
-        self.scene, self.tables, self._parameters = scene, tables, parameters
+        self.scene = scene
+        self.tables = tables
+        self._parameters = parameters
         self._mode, self._increments = mode, increments
         self._kept = KeptOperators()
         self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)

@@ -301,7 +301,9 @@ def combinations(
     statistics: FitStatistics, parameters: Sequence[FitParameter], values: Array, correlation: Array
 ) -> list[str]:
     """Sentences on combinations of parameters that the data do not determine."""
-    words, said, told = [p.words for p in parameters], list[str](), set[int]()
+    words = [p.words for p in parameters]
+    said = list[str]()
+    told = set[int]()
     scales = np.where(values != 0.0, np.abs(values), [p.scale for p in parameters])
     directions = statistics.directions(scales)
     for interval, combination in directions:

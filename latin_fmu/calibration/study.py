@@ -135,7 +135,9 @@ class LeastSquares:
     def __init__(
         self, predictor: Predictor, parameters: Sequence[FitParameter], data: Array, max_runs: int, log: Log | None
     ) -> None:
-        self._predictor, self._parameters, self._data = predictor, parameters, data
+        self._predictor = predictor
+        self._parameters = parameters
+        self._data = data
         self._most, self._log = max_runs, log
         self.scale = np.array([p.scale for p in parameters])
         self.known: dict[tuple[float, ...], Predicted | None] = {}

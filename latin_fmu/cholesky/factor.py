@@ -312,7 +312,9 @@ class LowRankFactor:
     """
 
     def __init__(self, base: InterfaceFactor, rows: Array) -> None:
-        self.base, self.interior, self.last = base, base.interior, base.last
+        self.base = base
+        self.interior = base.interior
+        self.last = base.last
         y, coupling = base.forward(np.ascontiguousarray(rows.T))
         inner = base.backward(y, np.zeros_like(coupling))
         triangle = la.cholesky(np.eye(len(rows)) + rows @ inner, lower=True)

@@ -56,7 +56,9 @@ def solve_on_face(
     panel, work : scratch, of the size of the largest panel, and of ``m`` times the most rows below one.
     """
     # x by rows is x^T (m, n) by columns, as BLAS takes it: products with blocks come from the right
-    one, zero, block = 1.0, 0.0, panel.ctypes.data
+    one = 1.0
+    zero = 0.0
+    block = panel.ctypes.data
     gathered, n_interior = work.ctypes.data, first[len(first) - 1]
     for s in range(len(first) - 1):
         width, c = first[s + 1] - first[s], face_start[s]

@@ -23,7 +23,9 @@ from ..compiled import entry, fields, kernel, lazy_intrinsic
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
+LEFT = np.uint8(ord("L"))
+RIGHT = np.uint8(ord("R"))
+UPPER = np.uint8(ord("U"))
 PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
 POTRF, TRSM, SYRK, TRTRI, POTRI, TRMM, SYMM, GEMM = range(8)
 
@@ -299,8 +301,13 @@ def factorise(
     ``order, position`` : position -> dof and its inverse. Returns -1, the position of a pivot that is not positive, or
     ``OUTSIDE_PATTERN``.
     """
-    pointers, neighbours, values = matrix.pointers, matrix.neighbours, matrix.values
-    first, row_start, rows, panel_start = nodes.first, nodes.row_start, nodes.rows, nodes.panel_start
+    pointers = matrix.pointers
+    neighbours = matrix.neighbours
+    values = matrix.values
+    first = nodes.first
+    row_start = nodes.row_start
+    rows = nodes.rows
+    panel_start = nodes.panel_start
     n_super = len(first) - 1
     n_interior = first[n_super]
     _interface_part(pointers, neighbours, values, order, position, n_interior, schur)

@@ -137,7 +137,9 @@ def pieces(shape: Symbolic) -> tuple[int, int, Index]:
     for number, piece in enumerate(every):
         piece.number = number
     # places of the lists count from the start of the table: levels and pieces come before them
-    lists, table, at = list[Index](), list[list[int]](), len(levels) + 1 + STRIDE * len(every)
+    lists = list[Index]()
+    table = list[list[int]]()
+    at = len(levels) + 1 + STRIDE * len(every)
     for piece in every:
         line = [piece.slot]
         for values in (_ranges(piece), _cleared(tree, top, piece), _numbers(piece), piece.rows):

@@ -105,7 +105,9 @@ def _inherit(front: Array, size: int, begin: int, width: int, above: Index, own:
 def _extend_front(routines: Index, panel: Array, used: int, below: int, front: Array, work: Array) -> None:
     """Fill the first ``used`` rows and columns of a front whose other block is known; the panel [L11^-1; L21], (used +
     below, used), is overwritten."""
-    n, one, zero = used + below, 1.0, 0.0
+    n = used + below
+    one = 1.0
+    zero = 0.0
     top = panel.ctypes.data
     block, product = work[: used * used], work[used * used :]
     own = block.ctypes.data
@@ -150,7 +152,10 @@ def _selected_inverse(
 ) -> None:
     """Fill ``out``; the fronts of supernodes with ``children`` left stay on a stack of ``stack_size`` numbers, and
     ``front_size`` and ``panel_size`` are the largest sizes of a front and of a panel."""
-    first, row_start, rows, panel_start = nodes.first, nodes.row_start, nodes.rows, nodes.panel_start
+    first = nodes.first
+    row_start = nodes.row_start
+    rows = nodes.rows
+    panel_start = nodes.panel_start
     stack, front = np.empty(stack_size), np.empty(front_size)
     panel, work = np.empty(panel_size), np.empty(panel_size)
     left = children.copy()

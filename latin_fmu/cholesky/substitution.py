@@ -24,7 +24,12 @@ TILED: Final = 3
 """Number of members from which on eight at a time cost less than one after the other."""
 SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
-SLOT, RANGES, CLEARED, CHILDREN, FRONT, STRIDE = 0, 1, 3, 5, 7, 9
+SLOT = 0
+RANGES = 1
+CLEARED = 3
+CHILDREN = 5
+FRONT = 7
+STRIDE = 9
 """Numbers of a piece of a factor in its table (``pieces``): its vector, then place and length of its lists."""
 
 _FACE = "i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]"
@@ -95,14 +100,20 @@ def forward_four(
     """Forward substitution on the face of four vectors x (4, n), one after the other in memory: the factor, where it is
     larger than the cache, is read once for all."""
     n = first[len(first) - 1]
-    x0, x1, x2, x3 = x[:n], x[n : 2 * n], x[2 * n : 3 * n], x[3 * n : 4 * n]
+    x0 = x[:n]
+    x1 = x[n : 2 * n]
+    x2 = x[2 * n : 3 * n]
+    x3 = x[3 * n : 4 * n]
     for s in range(len(first) - 1):
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:  # the face is not coupled with this supernode
             continue
         begin, end = first[s] + c, first[s + 1]
         used, at = width - c, width * width  # rows of L21 begin behind L11^-1
-        s0, s1, s2, s3 = x0[begin:end], x1[begin:end], x2[begin:end], x3[begin:end]
+        s0 = x0[begin:end]
+        s1 = x1[begin:end]
+        s2 = x2[begin:end]
+        s3 = x3[begin:end]
         own = rows[row_start[s] : row_start[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         # from the last row on: row i of a lower triangle reads entries up to i, which are still the old ones
@@ -114,7 +125,10 @@ def forward_four(
                 t1 += line[j] * s1[j]
                 t2 += line[j] * s2[j]
                 t3 += line[j] * s3[j]
-            s0[i], s1[i], s2[i], s3[i] = t0, t1, t2, t3
+            s0[i] = t0
+            s1[i] = t1
+            s2[i] = t2
+            s3[i] = t3
         for i in range(len(own)):
             line = panel[at + i * width : at + i * width + used]
             t0 = t1 = t2 = t3 = 0.0
@@ -155,7 +169,10 @@ def backward_one(
         while grouped and i + 4 <= below:
             l0, l1 = panel[at : at + used], panel[at + width : at + width + used]
             l2, l3 = panel[at + 2 * width : at + 2 * width + used], panel[at + 3 * width : at + 3 * width + used]
-            a0, a1, a2, a3 = x[own[i]], x[own[i + 1]], x[own[i + 2]], x[own[i + 3]]
+            a0 = x[own[i]]
+            a1 = x[own[i + 1]]
+            a2 = x[own[i + 2]]
+            a3 = x[own[i + 3]]
             for j in range(used):
                 xs[j] -= (l0[j] * a0 + l1[j] * a1) + (l2[j] * a2 + l3[j] * a3)
             at += 4 * width
@@ -210,7 +227,9 @@ def forward_tile(
             for j in range(LANES):
                 own[LANES * i + j] = tail[j]
             i -= 1
-        at, i, last = width * width, row_start[s], row_start[s + 1]
+        at = width * width
+        i = row_start[s]
+        last = row_start[s + 1]
         while i < last:
             together = 4 if i + 4 <= last else 1
             if together == 4:
@@ -245,7 +264,9 @@ def backward_tile(
         used = width - c
         own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
-        at, i, last = width * width, row_start[s], row_start[s + 1]
+        at = width * width
+        i = row_start[s]
+        last = row_start[s + 1]
         while i + 4 <= last:
             for r in range(4):
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
@@ -283,8 +304,14 @@ def one_row(a: Array, n: int, x: Array, out: Array) -> None:
         s5 += v * x[at + 5]
         s6 += v * x[at + 6]
         s7 += v * x[at + 7]
-    out[0], out[1], out[2], out[3] = s0, s1, s2, s3
-    out[4], out[5], out[6], out[7] = s4, s5, s6, s7
+    out[0] = s0
+    out[1] = s1
+    out[2] = s2
+    out[3] = s3
+    out[4] = s4
+    out[5] = s5
+    out[6] = s6
+    out[7] = s7
 
 
 @ordered_kernel
@@ -361,17 +388,46 @@ def _four_corner_rows(a: Array, width: int, n: int, x: Array, out: Array) -> Non
 @ordered_kernel
 def subtract_four(a: Array, width: int, n: int, t: Array, x: Array) -> None:
     """x (n, 8) -= A^T t for four rows of A, ``width`` apart in a, and t (4, 8)."""
-    a0, a1, a2, a3 = t[0], t[1], t[2], t[3]
-    a4, a5, a6, a7 = t[4], t[5], t[6], t[7]
-    b0, b1, b2, b3 = t[8], t[9], t[10], t[11]
-    b4, b5, b6, b7 = t[12], t[13], t[14], t[15]
-    c0, c1, c2, c3 = t[16], t[17], t[18], t[19]
-    c4, c5, c6, c7 = t[20], t[21], t[22], t[23]
-    d0, d1, d2, d3 = t[24], t[25], t[26], t[27]
-    d4, d5, d6, d7 = t[28], t[29], t[30], t[31]
-    b, c, d = a[width:], a[2 * width :], a[3 * width :]
+    a0 = t[0]
+    a1 = t[1]
+    a2 = t[2]
+    a3 = t[3]
+    a4 = t[4]
+    a5 = t[5]
+    a6 = t[6]
+    a7 = t[7]
+    b0 = t[8]
+    b1 = t[9]
+    b2 = t[10]
+    b3 = t[11]
+    b4 = t[12]
+    b5 = t[13]
+    b6 = t[14]
+    b7 = t[15]
+    c0 = t[16]
+    c1 = t[17]
+    c2 = t[18]
+    c3 = t[19]
+    c4 = t[20]
+    c5 = t[21]
+    c6 = t[22]
+    c7 = t[23]
+    d0 = t[24]
+    d1 = t[25]
+    d2 = t[26]
+    d3 = t[27]
+    d4 = t[28]
+    d5 = t[29]
+    d6 = t[30]
+    d7 = t[31]
+    b = a[width:]
+    c = a[2 * width :]
+    d = a[3 * width :]
     for k in range(n):
-        v0, v1, v2, v3 = a[k], b[k], c[k], d[k]
+        v0 = a[k]
+        v1 = b[k]
+        v2 = c[k]
+        v3 = d[k]
         row = x[LANES * k : LANES * (k + 1)]
         row[0] -= v0 * a0 + v1 * b0 + v2 * c0 + v3 * d0
         row[1] -= v0 * a1 + v1 * b1 + v2 * c1 + v3 * d1
@@ -386,8 +442,14 @@ def subtract_four(a: Array, width: int, n: int, t: Array, x: Array) -> None:
 @ordered_kernel
 def subtract_one(a: Array, n: int, t: Array, x: Array) -> None:
     """x (n, 8) -= a (n,) times t (8,)."""
-    a0, a1, a2, a3 = t[0], t[1], t[2], t[3]
-    a4, a5, a6, a7 = t[4], t[5], t[6], t[7]
+    a0 = t[0]
+    a1 = t[1]
+    a2 = t[2]
+    a3 = t[3]
+    a4 = t[4]
+    a5 = t[5]
+    a6 = t[6]
+    a7 = t[7]
     for k in range(n):
         v = a[k]
         row = x[LANES * k : LANES * (k + 1)]

@@ -111,7 +111,9 @@ def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None, face: 
     """Pattern of the factor of ``matrix`` (n, n) with the dofs ``last`` kept, ``rank`` (n,) the elimination order;
     ``face`` : dofs of the face, the last columns of their supernodes."""
     quotient = quotient_graph(matrix, last, rank)
-    pointers, neighbours, weight = quotient.pointers, quotient.neighbours, quotient.weight
+    pointers = quotient.pointers
+    neighbours = quotient.neighbours
+    weight = quotient.weight
     parent = elimination_tree(pointers, neighbours, quotient.n_interior)
     count = column_counts(pointers, neighbours, parent, weight)
     owner = amalgamate(parent, count, weight, _LIMIT, _FRACTION)
@@ -149,7 +151,9 @@ def _face_start(first: Index, tree: Index, order: Index, face: Index | None) -> 
 
 def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -> Symbolic:
     """From vertices to dofs; ``owner`` : supernode of each interior vertex, ``tree`` : parent of each supernode."""
-    pointers, neighbours, weight = quotient.pointers, quotient.neighbours, quotient.weight
+    pointers = quotient.pointers
+    neighbours = quotient.neighbours
+    weight = quotient.weight
     n_vertex, n_super = len(weight), len(tree)
     of_all = np.concatenate([owner, np.full(n_vertex - len(owner), -1, dtype=np.int64)])
     graph = (pointers, neighbours, of_all, tree, quotient.n_interior)

@@ -78,7 +78,10 @@ class Waiting:
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._text, self._seconds, self._quiet, self._clock = text, seconds, quiet, clock
+        self._text = text
+        self._seconds = seconds
+        self._quiet = quiet
+        self._clock = clock
         self._stream = sys.stderr if stream is None else stream
         self._line = Line(self._stream)
         self._since, self._share = clock(), 0.0
@@ -208,7 +211,14 @@ def _amount(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
 
 
-CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY, REMARKED, LIMITED = 0, 1, 2, 3, 4, 5, 6, 7
+CONVERGED = 0
+NOT_CONVERGED = 1
+BAD_INPUT = 2
+SOLVER_FAILED = 3
+NOT_WRITTEN = 4
+NO_MEMORY = 5
+REMARKED = 6
+LIMITED = 7
 """Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``,
 LIMITED with ``--max-cpu``."""
 

@@ -117,7 +117,9 @@ def _explain(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     with Waiting("prediction of the cost"):
         explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
-    report, text, limited = explanation.report(), explanation.text(), False
+    report = explanation.report()
+    text = explanation.text()
+    limited = False
     if arguments.run:
         added, lines, limited = _effects_in_runs(scene, explanation, arguments.max_cpu)
         report, text = report | added, f"{text}\n\n{lines}"

@@ -177,7 +177,9 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
 
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     checks = import_module("fmu_build.checks")
-    inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
+    inputs = checks.with_inputs(scene, names)
+    note = ""
+    lines = list[str]()
     acting = _acting(inputs.scene)
     if names == ["all"] and not inputs.laws:
         acting.append("warning: --inputs all gives no inputs: nothing that can be set from outside drives the scene")

@@ -89,7 +89,9 @@ Writes the scene with the fitted values, OUT.toml, and OUT.png: data, before, af
 
 exit codes: 0 converged, 1 not within --max-runs (the best run is written), 2 bad input
 """
-_BUDGET, _QUICK, _RUNS = 120.0, 20.0, 20
+_BUDGET = 120.0
+_QUICK = 20.0
+_RUNS = 20
 
 
 def register(add: AddParser) -> None:

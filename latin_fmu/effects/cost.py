@@ -82,9 +82,17 @@ _OF_CHECK = 0.8  # columns of the tables of the force residual, over those of Y
 
 # LATIN iterations per window, measured on the shipped models and benchmarks; friction: per coupled interface; growth of
 # those of an instant by the decade of stiffness over inertia in a step: at the tolerance 1e-3, and by its decades
-FRICTION, PER_INTERFACE, MOST_COUPLED = 2.05, 0.25, 7
-CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
-_BY_STEP, _BY_TOLERANCE, _TOLERANCE = 0.5, 0.8, 1e-3
+FRICTION = 2.05
+PER_INTERFACE = 0.25
+MOST_COUPLED = 7
+CONTACT = 1.8
+BONDED = 4.0
+LAYERED = 3.6
+STATIC = 7.0
+LONG_WINDOW = 6.0
+_BY_STEP = 0.5
+_BY_TOLERANCE = 0.8
+_TOLERANCE = 1e-3
 # the same of an increment of a static start, which is solved to round-off; with the products of its Newton steps, which
 # large interfaces need
 _CLOSELY, _CLOSELY_LARGE = 40.0, 400.0
@@ -151,7 +159,9 @@ def run_size(discretised: DiscretisedProblem, grouped: GroupedAssembly | None = 
     """Sizes of the run of a discretised problem, ``grouped`` where bonded bodies are one substructure."""
     scene, marched = discretised.scene, of_groups(discretised, grouped)
     units, layout = marched.units, marched.layout
-    share, output, effort = _marched(discretised), scene.output, _effort(discretised)
+    share = _marched(discretised)
+    output = scene.output
+    effort = _effort(discretised)
     bodies = {m.name: [m.name] for c in marched.classes for m in c.members}
     bodies |= {} if grouped is None else {g.model.name: list(g.where) for g in grouped.groups}
     classes, interfaces = [], interfaces_of(scene)
@@ -327,7 +337,9 @@ def _instant(run: RunSize) -> Array:
 
 def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     """One instant of one substructure: half solves, sparse products, one condensed product per iteration."""
-    kind, n, condensed = run.propagator.kind, float(size.unknowns), (iterations + 1.0) * size.channels**2
+    kind = run.propagator.kind
+    n = float(size.unknowns)
+    condensed = (iterations + 1.0) * size.channels**2
     # entries are counted as numbers of 8 bytes: one in single precision is half of one
     factor = size.factor if run.propagator.precision == "float64" else 0.5 * size.factor
     dense = 2.0 * size.interface**2 + condensed
@@ -381,7 +393,9 @@ class Prediction:
     def __init__(
         self, discretised: DiscretisedProblem, preparation: float = 0.0, grouped: GroupedAssembly | None = None
     ) -> None:
-        self.discretised, self.scene, self.preparation = of_groups(discretised, grouped), discretised.scene, preparation
+        self.discretised = of_groups(discretised, grouped)
+        self.scene = discretised.scene
+        self.preparation = preparation
         self.run = run_size(discretised, grouped)
 
     @cached_property
@@ -576,7 +590,9 @@ def amount(size: float) -> str:
 
 def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     """Memory of the run of a prediction; ``stream`` : histories of interfaces may go to a file."""
-    scene, run, units = p.scene, p.run, p.discretised.units
+    scene = p.scene
+    run = p.run
+    units = p.discretised.units
     output, n_time = scene.output, run.n_instant + 1
     members = sum(c.size.members for c in run.classes)
     cells = sum(c.size.members * c.cells for c in run.classes)
@@ -626,7 +642,9 @@ def _derivative_bytes(p: Prediction, numbers: float) -> float:
 def _newton_bytes(p: Prediction) -> float:
     """Matrix of the active points; where products take its place the vectors of the method, and the factor of the tied
     assembly that preconditions them, in single precision, as it is made and in the image of the run."""
-    settings, run, units = settings_of(p.scene), p.run, p.discretised.units
+    settings = settings_of(p.scene)
+    run = p.run
+    units = p.discretised.units
     if not settings.newton or settings.window != 1 or not settings.anderson_depth or run.at_once or not units:
         return 0.0
     if run.static:

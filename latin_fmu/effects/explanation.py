@@ -210,9 +210,13 @@ def choices(p: Prediction) -> dict[str, str]:
     if isinstance(solver.acceleration, AndersonTable):
         acceleration = f"anderson, depth {solver.acceleration.depth}"
     if not p.discretised.units:
-        window, direction, acceleration = "no interface: one linear march", "none", "none"
+        window = "no interface: one linear march"
+        direction = "none"
+        acceleration = "none"
     elif run.at_once:
-        window, direction, acceleration = "every instant at once: perfect interfaces only", "none", "none"
+        window = "every instant at once: perfect interfaces only"
+        direction = "none"
+        acceleration = "none"
     march = {}
     if p.tries_modes:
         march["march"] = (

@@ -207,7 +207,9 @@ def body_force(p: Prediction) -> Effect:
     """Forces per volume and gravity; without them the accelerations at t = 0 need no solution."""
     keys = [f"substructure.{n}.body_force" for n, s in p.scene.substructure.items() if any(s.body_force)]
     keys += ["gravity"] if GRAVITY in p.scene.force_laws else []
-    none, reason, switch = "substructure.*.body_force", "nodal forces times their laws", "a body_force, or [gravity]"
+    none = "substructure.*.body_force"
+    reason = "nodal forces times their laws"
+    switch = "a body_force, or [gravity]"
     effect = _driven(p, "body force", keys, none, reason, switch)
     return replace(effect, cost=saved(p, replace(p.run, unbalanced=False))) if keys else effect
 
@@ -244,7 +246,9 @@ def initial_motion(p: Prediction) -> Effect:
 
 def static_start(p: Prediction) -> Effect:
     """A static equilibrium before the motion."""
-    name, start, why = "static start", p.scene.time.start, ("time.start",)
+    name = "static start"
+    start = p.scene.time.start
+    why = ("time.start",)
     if not isinstance(start, StaticStart):
         switch = 'time.start = "static" (bolts, weight, dead loads first)'
         return _off(name, why, "bodies start as given", switch)

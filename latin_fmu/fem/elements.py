@@ -399,7 +399,9 @@ class Recovery:
     """
 
     def __init__(self, elements: Elements, material: Elasticity, bending_modes: bool = False) -> None:
-        self._elements, self._material, self._bending = elements, material, bending_modes
+        self._elements = elements
+        self._material = material
+        self._bending = bending_modes
 
     def strain(self, displacement: Array) -> Array:
         """Mean strain (n_time, n_cell, 6) of displacements (n_time, n_node, 3), m."""
@@ -412,7 +414,9 @@ class Recovery:
     def nodal_stress(self, displacement: Array) -> Array:
         """Stress at the nodes (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m."""
         n_time, n_node, _ = displacement.shape
-        total, weight, done = np.zeros((n_node, n_time * 6)), np.zeros(n_node), 0
+        total = np.zeros((n_node, n_time * 6))
+        weight = np.zeros(n_node)
+        done = 0
         for block, rule, to_nodes in self._pieces(n_time):
             points = points_in(self._elements.mesh.nodes, block, rule)
             slopes = np.einsum("cpaj,tcai->tcpij", points.gradients, displacement[:, block.cells], optimize=True)

@@ -173,7 +173,9 @@ def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
 def _edge_matrix(face: FacetSet, nodes: Index, own: float, ends_share: float) -> sp.csr_array:
     """The identity with ``own`` at the middles of edges and ``ends_share`` in the columns of their ends."""
     n = len(nodes)
-    rows, columns, values = [np.arange(n)], [np.arange(n)], [np.ones(n)]
+    rows = [np.arange(n)]
+    columns = [np.arange(n)]
+    values = [np.ones(n)]
     if changes_basis(face):
         ends, middle = edge_middles(face)
         _, first = np.unique(middle, return_index=True)  # an edge inside the face belongs to two facets
@@ -350,7 +352,9 @@ def consistent_dashpots(nodes: Array, facets: FacetSet, impedance: Impedance) ->
 
 def _assembled(n_node: int, parts: list[tuple[Index, Array]]) -> sp.csr_array:
     """Sum of blocks (n, n_own, 3, n_own, 3) at nodes (n, n_own)."""
-    rows, columns, values = [], [], []
+    rows = []
+    columns = []
+    values = []
     for nodes, blocks in parts:
         dofs = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
         rows.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())

@@ -251,7 +251,9 @@ def refined(mesh: Mesh) -> Mesh:
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
     pieces = [(block.cell_type, block.cells) for block in mesh.blocks]
     pieces += [(block.kind, block.facets) for face in mesh.faces.values() for block in face.blocks]
-    tables, codes, places = [], [], []
+    tables = []
+    codes = []
+    places = []
     for kind, cells in pieces:
         functions, children = _children(kind)
         sums = random[cells] @ np.rint(_PARTS * functions).astype(np.int64).T  # wraps around, in all cells alike

@@ -96,7 +96,9 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None, ends:
     near &= aside < mine.radii[one] + theirs.radii[two]  # circles around the pieces; the clipping decides
     if reach is not None:  # its corners may be nearer than its centre
         near &= np.abs(along) < reach + theirs.radii[two]
-    one, two, normal = one[near], two[near], normal[near]
+    one = one[near]
+    two = two[near]
+    normal = normal[near]
     first, second = _plane_axes(mine, one)
     axes = np.stack([first, second], axis=2)
     origin = mine.centres[one][:, None]

@@ -221,7 +221,9 @@ def _collapsed_quadratic(nodes: Array) -> ShapeFunctions:
     def space(points: Array) -> Array:
         r, s, t = points.T
         h = 0.5 * (1.0 - t)
-        x, y, z = r * h, s * h, 1.0 - h
+        x = r * h
+        y = s * h
+        z = 1.0 - h
         rational = (r * s * z * h, r * r * s * h * h, r * s * s * h * h)
         return np.stack([np.ones(len(r)), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x, *rational], axis=1)
 

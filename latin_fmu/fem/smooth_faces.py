@@ -33,7 +33,9 @@ def smoothed(surface: Surface) -> Surface:
     flat = [p for p in surface.pieces if not p.curved]
     if not flat:
         return surface
-    blocks, places, n_node = [], [surface.nodes], len(surface.nodes)
+    blocks = []
+    places = [surface.nodes]
+    n_node = len(surface.nodes)
     corners = _Corners.of(flat, surface.nodes)
     rises, first = corners.rises(), 0
     for block, pieces in zip(surface.facets.blocks, surface.pieces, strict=True):

@@ -141,7 +141,9 @@ def anderson(
         relax(q, residual, relaxation, last_q, last_r)
         return
     # behind what ``find_weights`` uses of ``least``: 2 depth and (depth + 1) depth numbers
-    n, row, products = len(q), (count - 1) % depth, least[(depth + 3) * depth :]
+    n = len(q)
+    row = (count - 1) % depth
+    products = least[(depth + 3) * depth :]
     own_r = dr[row * n : (row + 1) * n]
     take_differences(q, residual, last_q, last_r, dq[row * n : (row + 1) * n], own_r)
     for a in range(min(count, depth)):
@@ -156,7 +158,9 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
     """Differences to the last iterate of the window, and their products over each interface, into ``own_parts``, behind
     those of the measures; none at the first of the steps."""
     run, work = pools.run[0], pools.moving
-    depth, n_flat, wide = run.depth, run.n_flat, run.part_width
+    depth = run.depth
+    n_flat = run.n_flat
+    wide = run.part_width
     n = window * n_flat
     if depth == 0 or count <= 0:
         return
@@ -188,7 +192,9 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
 def next_iterate(pools: Any, window: int, count: int) -> None:
     """Next q of the window after ``count`` steps from the ``parts`` of all interfaces; see the head of this file."""
     run, work = pools.run[0], pools.moving
-    n, depth, kept = window * run.n_flat, run.depth, -1
+    n = window * run.n_flat
+    depth = run.depth
+    kept = -1
     gram, least = work[run.gram : run.gram + depth * depth], work[run.least : run.least + (depth + 3) * depth]
     if depth > 0 and count > 0:
         add_parts(pools, MEASURES, 2 * min(count, depth))
@@ -228,7 +234,9 @@ def step_parts(pools: Any, window: int) -> None:
                 metric = pools.fixed[run.metric + at : run.metric + at + size]
                 at += i * run.n_flat
                 q, last = work[run.q + at : run.q + at + size], work[run.last_q + at : run.last_q + at + size]
-                r, step, allowed = work[run.r + at : run.r + at + size], 0.0, 0.0
+                r = work[run.r + at : run.r + at + size]
+                step = 0.0
+                allowed = 0.0
                 for j in range(size):
                     moved = q[j] - last[j]
                     step += metric[j] * moved * moved
@@ -264,7 +272,10 @@ class Anderson:
 
     def __init__(self, metric: Array, depth: int, relaxation: float) -> None:
         n = len(metric)
-        self._metric, self._depth, self._relaxation, self._count = metric, depth, relaxation, 0
+        self._metric = metric
+        self._depth = depth
+        self._relaxation = relaxation
+        self._count = 0
         self._arrays = [np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 5) * depth)]
 
     def next(self, q: Array, residual: Array) -> Array:

@@ -58,7 +58,9 @@ def coupling(pools: Any, p: int, q: int, block: Array) -> bool:
             row = pools.classes[fixed_int[run.owner_class + first]]
             # A acts on the jump: plus from the same sides, minus across
             weight = pools.fixed[run.area + second] if side == other else -pools.fixed[run.area + second]
-            n, plain, m = row.n_live, row.plain_response, row.m
+            n = row.n_live
+            plain = row.plain_response
+            m = row.m
             table = pools.fixed[row.admittance : row.admittance + symmetric_size(n, plain, m)]
             for a in range(gp.n_component):
                 i = place[first + a]
@@ -154,7 +156,9 @@ def add_relative(pools: Any, v: Array) -> None:
 @kernel
 def assemble(pools: Any) -> int:
     """Matrix of the active points in its envelope, but for ``soften``, by the substructures here; its size."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    run = pools.run[0]
+    work = pools.moving
+    numbers = pools.moving_int
     unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_place + 1]
     start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
     low = pools.fixed_int[run.block_low : run.block_low + run.n_block]
@@ -176,7 +180,9 @@ def assemble(pools: Any) -> int:
                     continue
                 for i in range(unknown_of[p], unknown_of[p + 1]):
                     # r_i . A of one pair of points, then its product with each c_j
-                    r0, r1, r2 = rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]
+                    r0 = rows[3 * i]
+                    r1 = rows[3 * i + 1]
+                    r2 = rows[3 * i + 2]
                     x = r0 * block[0] + r1 * block[3] + r2 * block[6]
                     y = r0 * block[1] + r1 * block[4] + r2 * block[7]
                     w = r0 * block[2] + r1 * block[5] + r2 * block[8]
@@ -189,7 +195,9 @@ def assemble(pools: Any) -> int:
 @kernel
 def soften(pools: Any) -> None:
     """Add what the unknowns of the points owned here add to the matrix among themselves."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    run = pools.run[0]
+    work = pools.moving
+    numbers = pools.moving_int
     unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_place + 1]
     row_at = numbers[run.row_at : run.row_at + run.n_unknown]
     for p in range(run.n_place):
@@ -203,7 +211,10 @@ def soften(pools: Any) -> None:
 @kernel
 def sum_of_tangents(pools: Any) -> float:
     """Sum of the columns, rows and softness of the points owned here, a sign that the active points are others."""
-    run, work, numbers, total = pools.run[0], pools.moving, pools.moving_int, 0.0
+    run = pools.run[0]
+    work = pools.moving
+    numbers = pools.moving_int
+    total = 0.0
     for p in range(run.n_place):
         if pools.fixed_int[run.point_owned + p] == 1:
             for i in range(3 * numbers[run.unknown_of + p], 3 * numbers[run.unknown_of + p + 1]):
@@ -215,7 +226,9 @@ def sum_of_tangents(pools: Any) -> float:
 def is_factored(pools: Any, count: int) -> bool:
     """Whether the factors at hand are those of the matrix of these ``count`` unknowns, which follows from the numbers
     of unknowns of the points and from columns, rows and softness; if not, these are kept to compare with."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    run = pools.run[0]
+    work = pools.moving
+    numbers = pools.moving_int
     same, width = work[run.factored] == 1.0 and run.shared == 0, 3 * run.n_unknown + 9
     for p in range(run.n_place + 1):
         same = same and numbers[run.factored_of + p] == numbers[run.unknown_of + p]
@@ -239,7 +252,9 @@ def is_factored(pools: Any, count: int) -> bool:
 @kernel
 def solve_active(pools: Any) -> bool:
     """Unknowns from their right-hand side; False where the matrix is singular."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    run = pools.run[0]
+    work = pools.moving
+    numbers = pools.moving_int
     start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
     low = pools.fixed_int[run.block_low : run.block_low + run.n_block]
     high = pools.fixed_int[run.block_high : run.block_high + run.n_block]

@@ -27,7 +27,9 @@ from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
 from .outputs import count_iterations, gather, keep_outputs, move, set_ratios
 
-FREE, BY_VALUE, BY_BOTH = 0, 1, 2
+FREE = 0
+BY_VALUE = 1
+BY_BOTH = 2
 """Inputs that the initial state is known for: any; with the start value; with that held over the first time step."""
 BEYOND_LAWS: Final = -1
 """Result of a step beyond the table of own laws; nothing has changed. -2 - i: the first step, or the outputs at t = 0,
@@ -134,10 +136,14 @@ def given_of(pools: Any) -> tuple[Any, Any]:
 @kernel
 def keep_inputs(pools: Any, done: int, whole: int, rule: int) -> None:
     """End a communication step after ``done`` of its time steps: what the next one goes on from."""
-    run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
+    run = pools.run[0]
+    moving = pools.moving
+    n = pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
     at = run.progress
-    begin, rest, span = moving[at + 7], moving[at + 8], moving[at + 3]
+    begin = moving[at + 7]
+    rest = moving[at + 8]
+    span = moving[at + 3]
     moving[at + 3] = keep(given_of(pools), memory, kinds, span, done, whole, begin, rest, rule, run.dt)
     moving[at + 7], moving[at + 8] = rest if done == whole else 0.0, 0.0
 
@@ -145,10 +151,14 @@ def keep_inputs(pools: Any, done: int, whole: int, rule: int) -> None:
 @kernel
 def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -> None:
     """Amplitudes of the sources after j of the time steps, ``made`` since the start, into the moving block."""
-    run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
+    run = pools.run[0]
+    moving = pools.moving
+    n = pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
     given, at = given_of(pools), run.progress
-    span, begin, rest = moving[at + 3], moving[at + 7], moving[at + 8]
+    span = moving[at + 3]
+    begin = moving[at + 7]
+    rest = moving[at + 8]
     for e in range(n):
         moving[to + e] = drive(given, memory, kinds, e, span, j, whole, begin, rest, rule, run.dt)
     own = run.n_source - run.n_input
@@ -161,7 +171,9 @@ def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -
 def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule: int) -> None:
     """Columns of an instant of the segment, which ends the time step j of the communication step, and its drives."""
     run, moving = pools.run[0], pools.moving
-    z, wide, n_x = run.drive + instant * run.n_drive, run.n_drive, run.n_motion_state
+    z = run.drive + instant * run.n_drive
+    wide = run.n_drive
+    n_x = run.n_motion_state
     # the motion state after the instant before is x of this one
     move(pools, z - wide, z, n_x)
     set_sources(pools, z + n_x, j - 1, made - 1, whole, rule)
@@ -187,13 +199,17 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
 def set_start_columns(pools: Any, made: int, whole: int, rule: int) -> None:
     """Columns at the start of a communication step, for ``continuation``."""
     run, moving = pools.run[0], pools.moving
-    z, wide, n_x = run.drive, run.n_drive, run.n_motion_state
+    z = run.drive
+    wide = run.n_drive
+    n_x = run.n_motion_state
     set_sources(pools, z + n_x, 0, made, whole, rule)
     set_sources(pools, z + n_x + run.n_source, 1, made + 1, whole, rule)
     moving[z + wide - 1] = 1.0
     columns = moving[run.column : run.column + run.column_rows]
     columns[:] = 0.0
-    starts, numbers, values = run.start_column_starts, run.start_column_columns, run.start_column_values
+    starts = run.start_column_starts
+    numbers = run.start_column_columns
+    values = run.start_column_values
     add_matrix(pools, run.column_rows, starts, numbers, values, 1, moving[z : z + wide], columns)
 
 
@@ -201,8 +217,14 @@ def set_start_columns(pools: Any, made: int, whole: int, rule: int) -> None:
 def continuation(pools: Any, j: int) -> float:
     """How far the loads go on as they did (``latin.run_image.continuation``) at the end of the time step j."""
     run, moving = pools.run[0], pools.moving
-    along, size, change, at, product = 0.0, 0.0, 0.0, run.column, run.force_products
-    new, old, last = run.column, run.last_columns, run.last_columns + run.column_rows
+    along = 0.0
+    size = 0.0
+    change = 0.0
+    at = run.column
+    product = run.force_products
+    new = run.column
+    old = run.last_columns
+    last = run.last_columns + run.column_rows
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         n, first = row.force_terms, at - run.column
@@ -266,7 +288,9 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     """The state at t = 0 under the inputs of the first time step, and its outputs; -2 - i where the amplitude of input
     i must be the one that the image was made for."""
     run, moving = pools.run[0], pools.moving
-    n_x, n_s, wide = run.n_motion_state, run.n_source, run.n_drive
+    n_x = run.n_motion_state
+    n_s = run.n_source
+    wide = run.n_drive
     z = run.drive
     # the motion state stays 0: there is none before t = 0
     moving[z : z + wide] = 0.0
@@ -279,7 +303,9 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
             return -2 - e
     drives, columns = moving[z : z + wide], moving[run.column : run.column + run.column_rows]
     columns[:] = 0.0
-    starts, numbers, values = run.first_column_starts, run.first_column_columns, run.first_column_values
+    starts = run.first_column_starts
+    numbers = run.first_column_columns
+    values = run.first_column_values
     add_matrix(pools, run.column_rows, starts, numbers, values, 1, drives, columns)
     spread_columns(pools, 0)
     initial = moving[run.opening : run.opening + run.opening_rows]
@@ -288,7 +314,9 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     set_opening(pools)
     state = moving[run.next_state : run.next_state + n_x]
     state[:] = 0.0
-    starts, numbers, values = run.first_motion_starts, run.first_motion_columns, run.first_motion_values
+    starts = run.first_motion_starts
+    numbers = run.first_motion_columns
+    values = run.first_motion_values
     add_matrix(pools, n_x, starts, numbers, values, 1, drives, state)
     move(pools, run.next_state, z, n_x)
     move(pools, run.next_state, run.motion_state, n_x)
@@ -307,7 +335,10 @@ def open_outputs(pools: Any) -> None:
     moving[run.integral : run.integral + run.n_integral] = 0.0
     gather(pools, 0)
     at = run.output + run.of_solver
-    moving[at], moving[at + 1], moving[at + 2], moving[at + 3] = 0.0, 0.0, 1.0, 0.0
+    moving[at] = 0.0
+    moving[at + 1] = 0.0
+    moving[at + 2] = 1.0
+    moving[at + 3] = 0.0
     moving[at + 4] = moving[run.progress + 6]
     moving[run.event_rates : run.event_rates + 2 * run.n_interface] = 0.0
     set_ratios(pools, 0)
@@ -333,7 +364,9 @@ def departs(pools: Any, e: int) -> bool:
 def set_opening(pools: Any) -> None:
     """Write the part of the initial state that depends on inputs to its places; a class that rests has no motion."""
     run, moving = pools.run[0], pools.moving
-    e, passed, n = 0, 0, run.opening_rows
+    e = 0
+    passed = 0
+    n = run.opening_rows
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         size = row.n * row.m

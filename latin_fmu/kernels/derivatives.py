@@ -41,15 +41,22 @@ from .tasks import PREDICT, SOLUTION, each_class
 
 Array = NDArray[np.float64]
 
-BASE, MORE, LESS, BEFORE = 0, 1, 2, 3
+BASE = 0
+MORE = 1
+LESS = 2
+BEFORE = 3
 """States in the room."""
-UNSOLVED, SINGULAR, OWN_LAW = 1, 2, 3
+UNSOLVED = 1
+SINGULAR = 2
+OWN_LAW = 3
 """Results of ``derive``: an instant needs a fall-back; the linear system has no unique solution; a law is written in
 Python, whose tangents are not here."""
 _EFFECT, _LARGEST = 1e-2, 1e8
 """Relative change of tractions and velocities below which the difference is enlarged, as far as it exceeds round-off;
 factor at most."""
-_VECTORS, _ROUNDS, _PART = 200, 12, 1e-8
+_VECTORS = 200
+_ROUNDS = 12
+_PART = 1e-8
 """Directions of a solution, solutions, and part of the residual that one leaves."""
 _SMALL, _ENOUGH = 1e-14, 1e-9
 """Residual over q at which they end, and above which there is no derivative."""
@@ -105,7 +112,9 @@ def derive(pools: Any, which: int, rule: int, n: int, whole: int) -> int:
     for g in range(len(pools.groups)):
         if pools.groups[g].law < 0:
             return OWN_LAW
-    run, moving, e = pools.run[0], pools.moving, which // 2
+    run = pools.run[0]
+    moving = pools.moving
+    e = which // 2
     at = len(moving) - room(pools)
     value, rate = moving[run.input_value + e], moving[run.input_rate + e]
     length = (whole + moving[run.progress + 8] - moving[run.progress + 7]) * run.dt
@@ -140,7 +149,9 @@ def keep_rules(pools: Any, at: int) -> None:
     """Keep what the variants change of the rules of the run; no solve is reused and no thread but this one works."""
     run = pools.run[0]
     kept = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
-    kept[0], kept[1], kept[2] = run.deepest, run.rest_traction, run.make_up
+    kept[0] = run.deepest
+    kept[1] = run.rest_traction
+    kept[2] = run.make_up
     # a solve for another q would leave the variants not affine
     run.reuse = -1.0
     run.threads = 1
@@ -160,7 +171,9 @@ def set_rules(pools: Any, at: int, variant: int) -> None:
 def march_variants(pools: Any, at: int, which: int, rule: int, n: int, whole: int, slope: float, size: float) -> int:
     """Make n time steps of the base and of both variants; 0, or a status of ``derive``. ``slope`` : rate of the input
     over the step, ``size`` : change of value or rate."""
-    run, moving, e = pools.run[0], pools.moving, which // 2
+    run = pools.run[0]
+    moving = pools.moving
+    e = which // 2
     n_state, status = run.state_size, 0
     value, rate = moving[run.input_value + e], moving[run.input_rate + e]
     for step in range(n):
@@ -304,7 +317,9 @@ def residual(pools: Any, laws: int, q: Array, out: Array) -> None:
 @kernel
 def solve_system(pools: Any, laws: int, at: int) -> bool:
     """Solve q = F_hat + k W_hat from the q of ``work`` on; whether the residual is that of a solution."""
-    run, work, most = pools.run[0], pools.moving, vectors_of(pools)
+    run = pools.run[0]
+    work = pools.moving
+    most = vectors_of(pools)
     n, width = run.n_flat, vectors_of(pools) + 1
     q, rest = work[at : at + n], work[at + n : at + 2 * n]
     basis, small = work[at + 2 * n : at + (2 + width) * n], work[at + (2 + width) * n :][: width * (width + 2)]
@@ -340,7 +355,9 @@ def solve_system(pools: Any, laws: int, at: int) -> bool:
 @kernel
 def directions(pools: Any, laws: int, q: Array, rest: Array, basis: Array, small: Array) -> int:
     """Arnoldi vectors about q from its residual ``rest`` on; their number."""
-    n, most, size = pools.run[0].n_flat, vectors_of(pools), length_of(rest)
+    n = pools.run[0].n_flat
+    most = vectors_of(pools)
+    size = length_of(rest)
     for j in range(n):
         basis[j] = rest[j] / size
     small[(most + 2) * (most + 1)] = size
@@ -388,7 +405,9 @@ def effect_of(pools: Any, at: int) -> float:
     largest, found = 0.0, False
     for kind in range(2):
         own = at + (run.f_hat if kind == 0 else run.w_hat)
-        more, change, whole = own + MORE * run.state_size, 0.0, 0.0
+        more = own + MORE * run.state_size
+        change = 0.0
+        whole = 0.0
         for j in range(run.n_flat):
             change += (moving[more + j] - moving[own + j]) ** 2
             whole += moving[own + j] ** 2

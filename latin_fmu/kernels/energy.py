@@ -58,24 +58,33 @@ FIELDS = 16
 """Fields of ``past``."""
 # their places, displacements first: accelerations, M a and M v of the dofs alone, then the forces (K u, C v, loads,
 # tractions) of the last three instants in turn
-_A, _MASS_A, _MASS_V, _RING = 1, 2, 3, 4
+_A = 1
+_MASS_A = 2
+_MASS_V = 3
+_RING = 4
 # of EXPLICIT classes: velocities, K v, loads, K u, M v
-_V, _K_V, _LOAD, _K_U, _OLD_MASS_V = 1, 2, 3, 4, 5
+_V = 1
+_K_V = 2
+_LOAD = 3
+_K_U = 4
+_OLD_MASS_V = 5
 
 
 @kernel
 def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     """Begin the account of a class in its present motion under tractions flat (N,)."""
-    row, work, state = pools.classes[c], pools.moving, pools.moving
+    row = pools.classes[c]
+    work = pools.moving
+    state = pools.moving
     if row.accounted == 0:
         return
-    m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
+    m = row.m
+    size = row.n * row.m
+    wide = (row.n + row.n_motion) * row.m
     past, scratch = state[row.past : row.past + FIELDS * wide], work[row.extended : row.extended + 4 * wide]
-    now, mass_v, image = (
-        past[_RING * wide : (_RING + 4) * wide],
-        scratch[2 * wide : 2 * wide + size],
-        scratch[3 * wide :],
-    )
+    now = past[_RING * wide : (_RING + 4) * wide]
+    mass_v = scratch[2 * wide : 2 * wide + size]
+    image = scratch[3 * wide :]
     state[row.totals : row.totals + N_TERM * m] = 0.0
     past[:] = 0.0
     mass_v[:] = 0.0
@@ -213,8 +222,12 @@ def account_relaxed(pools: Any, c: int, totals: Array) -> None:
 @kernel
 def _account_viscosity(pools: Any, c: int, instant: int, step: Array, force: Array, totals: Array) -> None:
     """Du.C v_w of a one-step identity, the viscosity of the contact layer apart; ``force`` (n + n_motion, m): C v_w."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    m = row.m
+    size = row.n * row.m
+    wide = (row.n + row.n_motion) * row.m
     scratch = work[row.extended : row.extended + 4 * wide]
     weighted, image = scratch[:wide], scratch[3 * wide :]
     copied(work[row.weighted_v : row.weighted_v + size], weighted[:size])
@@ -240,19 +253,25 @@ def _account_viscosity(pools: Any, c: int, instant: int, step: Array, force: Arr
 def _account_inertia(pools: Any, c: int, of_scheme: Array) -> None:
     """x a_w.M Da of the dofs; M v from M a by the recursion of v, a product less. Keeps M a."""
     row, run = pools.classes[c], pools.run[0]
-    m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
+    m = row.m
+    size = row.n * row.m
+    wide = (row.n + row.n_motion) * row.m
     past = pools.moving[row.past : row.past + _RING * wide]
     a, mass_a = pools.moving[row.a : row.a + size], pools.moving[row.mass_a : row.mass_a + size]
     a_old, mass_a_old = past[_A * wide : _A * wide + size], past[_MASS_A * wide : _MASS_A * wide + size]
     mass_v = past[_MASS_V * wide : _MASS_V * wide + size]
-    of_old, of_new, loss = run.energy_a_old, run.energy_a_new, run.inertia_dissipation
+    of_old = run.energy_a_old
+    of_new = run.energy_a_new
+    loss = run.inertia_dissipation
     if loss != 0.0:
         for j in range(m):
             total = 0.0
             for at in range(j, size, m):
                 total += (of_old * a_old[at] + of_new * a[at]) * (mass_a[at] - mass_a_old[at])
             of_scheme[j] += loss * total
-    of_old, of_new, drift = run.v_a, run.velocity_gain, run.inertia_drift
+    of_old = run.v_a
+    of_new = run.velocity_gain
+    drift = run.inertia_drift
     for j in range(m if drift != 0.0 else 0):
         total = 0.0
         for at in range(j, size, m):
@@ -271,11 +290,15 @@ def _account_inertia(pools: Any, c: int, of_scheme: Array) -> None:
 def _account_moved_inertia(pools: Any, c: int, instant: int, of_loads: Array, of_scheme: Array) -> None:
     """What prescribed motions add to x a_w.M Da, and their reactions M a_w."""
     row, run = pools.classes[c], pools.run[0]
-    m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
+    m = row.m
+    size = row.n * row.m
+    wide = (row.n + row.n_motion) * row.m
     kept = pools.moving[row.past + _A * wide : row.past + (_A + 1) * wide]
     scratch = pools.moving[row.extended : row.extended + 4 * wide]
     mean, image = scratch[wide : 2 * wide], scratch[3 * wide :]
-    a, of_old, of_new = whole_field(pools, c, row.a, 2, instant, scratch[:wide]), run.energy_a_old, run.energy_a_new
+    a = whole_field(pools, c, row.a, 2, instant, scratch[:wide])
+    of_old = run.energy_a_old
+    of_new = run.energy_a_new
     for i in range(wide):
         # a_w, and Da in the place of the old accelerations, which are put back below
         mean[i], kept[i] = of_old * kept[i] + of_new * a[i], a[i] - kept[i]
@@ -300,7 +323,9 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, of_loads: Array, of
 def _add_drift(pools: Any, c: int, instant: int, a: Array, change: Array, image: Array, of_scheme: Array) -> None:
     """What prescribed motions add to d v_m.M Da; ``change`` Da and ``image`` its product (n + n_motion, m)."""
     row, run = pools.classes[c], pools.run[0]
-    m, size, count = row.m, row.n * row.m, row.n_motion * row.m
+    m = row.m
+    size = row.n * row.m
+    count = row.n_motion * row.m
     moved = row.motions + (run.n_time + instant) * count
     half_old, half_new = 0.5 * run.v_a, 0.5 * run.velocity_gain
     for j in range(m):
@@ -327,8 +352,12 @@ def _open_explicit(pools: Any, c: int, u: Array, v: Array) -> None:
 @kernel
 def _account_loads(pools: Any, c: int, instant: int) -> None:
     """Du.f_w of the step alone, of a class without prescribed motions; u and loads in their places of ``past``."""
-    row, run, state = pools.classes[c], pools.run[0], pools.moving
-    m, size, turn = row.m, row.n * row.m, int(state[row.turn])
+    row = pools.classes[c]
+    run = pools.run[0]
+    state = pools.moving
+    m = row.m
+    size = row.n * row.m
+    turn = int(state[row.turn])
     past, step = state[row.past : row.past + FIELDS * size], state[row.extended : row.extended + size]
     new = past[(_RING + 4 * turn + 2) * size :][:size]
     earlier = past[(_RING + 4 * ((turn + 1) % 3) + 2) * size :][:size]
@@ -350,15 +379,19 @@ def _account_loads(pools: Any, c: int, instant: int) -> None:
 @kernel
 def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     """The step of an EXPLICIT class; the elastic force of its middle is K u + dt/2 K v of the old instant."""
-    row, work, state, dt = pools.classes[c], pools.moving, pools.moving, pools.run[0].dt
-    m, size, wide, inner_size = row.m, row.n * row.m, (row.n + row.n_motion) * row.m, row.n_inner * row.m
+    row = pools.classes[c]
+    work = pools.moving
+    state = pools.moving
+    dt = pools.run[0].dt
+    m = row.m
+    size = row.n * row.m
+    wide = (row.n + row.n_motion) * row.m
+    inner_size = row.n_inner * row.m
     past, scratch = state[row.past : row.past + FIELDS * wide], work[row.extended : row.extended + 4 * wide]
-    step, damping, k_v, mass_v = (
-        past[:wide],
-        past[6 * wide : 7 * wide],
-        past[7 * wide : 8 * wide],
-        past[8 * wide : 9 * wide],
-    )
+    step = past[:wide]
+    damping = past[6 * wide : 7 * wide]
+    k_v = past[7 * wide : 8 * wide]
+    mass_v = past[8 * wide : 9 * wide]
     new, v_old = past[12 * wide :], past[_V * wide : (_V + 1) * wide]
     u, v = (
         whole_field(pools, c, row.u, 0, instant, scratch[:wide]),
@@ -434,7 +467,9 @@ def _account_strains(pools: Any, c: int, instant: int, past: Array, force: Array
     """Energies of the Maxwell branches of an EXPLICIT class over a step, whose Du stands at the head of ``past``;
     ``force`` : K u."""
     wide, half = len(force), 0.5 * pools.run[0].dt
-    middle, of_middle, of_step = past[9 * wide : 10 * wide], past[10 * wide : 11 * wide], past[11 * wide : 12 * wide]
+    middle = past[9 * wide : 10 * wide]
+    of_middle = past[10 * wide : 11 * wide]
+    of_step = past[11 * wide : 12 * wide]
     for i in range(wide):
         middle[i], of_middle[i] = half * past[_V * wide + i], half * past[_K_V * wide + i]
         of_step[i] = force[i] - past[_K_U * wide + i]

@@ -61,7 +61,9 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     count = row.n_motion
     if count == 0:
         return
-    starts_at, columns_at, values_at = row.border_mass_starts, row.border_mass_columns, row.border_mass_values
+    starts_at = row.border_mass_starts
+    columns_at = row.border_mass_columns
+    values_at = row.border_mass_values
     if which == STIFFNESS:
         starts_at, columns_at = row.border_stiffness_starts, row.border_stiffness_columns
         values_at = row.border_stiffness_values

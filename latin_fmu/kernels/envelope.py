@@ -41,7 +41,9 @@ def _eliminate_panel(
     b: int, k0: int, k1: int, start: Any, low: Any, high: Any, row_at: Any, a: Array, pivots: Any, pivot_range: Array
 ) -> bool:
     """Factors of the columns k0 ... k1 of block b, in all rows below; False where a pivot is zero."""
-    last, left, right = start[b + 1], start[low[b]], start[high[b] + 1]
+    last = start[b + 1]
+    left = start[low[b]]
+    right = start[high[b] + 1]
     for k in range(k0, k1):
         picked, largest = k, abs(a[row_at[k] + k])
         for i in range(k + 1, last):
@@ -82,8 +84,14 @@ def _eliminate_panel(
 @kernel
 def _subtract(factors: Array, tile: Array, row: Array) -> None:
     """row (at most TILE,) -= factors (PANEL,) times tile (PANEL, TILE)."""
-    f0, f1, f2, f3 = factors[0], factors[1], factors[2], factors[3]
-    f4, f5, f6, f7 = factors[4], factors[5], factors[6], factors[7]
+    f0 = factors[0]
+    f1 = factors[1]
+    f2 = factors[2]
+    f3 = factors[3]
+    f4 = factors[4]
+    f5 = factors[5]
+    f6 = factors[6]
+    f7 = factors[7]
     for j in range(len(row)):
         row[j] -= (
             f0 * tile[j]
@@ -102,7 +110,9 @@ def _update_rest(
     b: int, k0: int, k1: int, start: Any, low: Any, high: Any, row_at: Any, a: Array, scratch: Array
 ) -> None:
     """Subtract what the columns k0 ... k1 contribute to the columns behind them."""
-    right, tile, factors = start[high[b] + 1], scratch[: PANEL * TILE], scratch[PANEL * TILE : PANEL * (TILE + 1)]
+    right = start[high[b] + 1]
+    tile = scratch[: PANEL * TILE]
+    factors = scratch[PANEL * TILE : PANEL * (TILE + 1)]
     for first in range(k1, right, TILE):
         width = min(TILE, right - first)
         tile[:] = 0.0  # columns that are not there add nothing
@@ -149,14 +159,18 @@ def substitute(n_block: int, start: Any, low: Any, high: Any, row_at: Any, a: Ar
             x[i] = x[pivots[i]]
             x[pivots[i]] = kept
         for i in range(start[b], start[b + 1]):
-            row, known, total = a[row_at[i] + left : row_at[i] + i], x[left:i], 0.0
+            row = a[row_at[i] + left : row_at[i] + i]
+            known = x[left:i]
+            total = 0.0
             for j in range(len(row)):
                 total += row[j] * known[j]
             x[i] -= total
     for b in range(n_block - 1, -1, -1):
         right = start[high[b] + 1]
         for i in range(start[b + 1] - 1, start[b] - 1, -1):
-            row, known, total = a[row_at[i] + i + 1 : row_at[i] + right], x[i + 1 : right], 0.0
+            row = a[row_at[i] + i + 1 : row_at[i] + right]
+            known = x[i + 1 : right]
+            total = 0.0
             for j in range(len(row)):
                 total += row[j] * known[j]
             x[i] = (x[i] - total) / a[row_at[i] + i]

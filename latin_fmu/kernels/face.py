@@ -106,7 +106,10 @@ def on_rows(pools: Any, c: int, x: Array, out: Array) -> None:
             t1 += second[i] * value
             t2 += third[i] * value
             t3 += fourth[i] * value
-        out[p], out[p + 1], out[p + 2], out[p + 3] = t0, t1, t2, t3
+        out[p] = t0
+        out[p + 1] = t1
+        out[p + 2] = t2
+        out[p + 3] = t3
     for p in range(k - k % 4, k):
         own, total = table[p * n : (p + 1) * n], 0.0
         for i in range(n):
@@ -136,10 +139,14 @@ def add_rows(pools: Any, c: int, factor: float, weights: Array, out: Array) -> N
 @kernel
 def subtract_face(pools: Any, c: int) -> None:
     """Forces of the squares, S r_free and b S r'_free of the predictors from the load, their branches included."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     if row.on_face == 0:
         return
-    n, k, state = row.n_inner, row.n_elastic, work[row.face_state : row.face_state + 4 * row.n_inner]
+    n = row.n_inner
+    k = row.n_elastic
+    state = work[row.face_state : row.face_state + 4 * row.n_inner]
     rows, strained = work[rows_at(row) : rows_at(row) + k], work[row.row_force : row.row_force + k]
     free = work[row.row_free : row.row_free + k]
     on_rows(pools, c, work[row.u_free : row.u_free + row.n], free)
@@ -158,7 +165,9 @@ def subtract_face(pools: Any, c: int) -> None:
     ratio, viscosity = run.velocity_gain / run.displacement_gain, pools.fixed[row.face_viscosity]
     phi, share = stiffened(pools, c, k), pools.fixed[row.relaxing_shares + k]
     for i in range(n):
-        start, force, rate = state[n + i], state[2 * n + i], state[3 * n + i]
+        start = state[n + i]
+        force = state[2 * n + i]
+        rate = state[3 * n + i]
         viscous = viscosity * (rate + ratio * (start - force - run.u_v * rate))
         work[row.load + pools.fixed_int[row.dofs + i]] -= phi * start + viscous
     for j in range(row.n_relaxing):
@@ -188,12 +197,17 @@ def keep_load(pools: Any, c: int) -> None:
 def keep_face_forces(pools: Any, c: int) -> None:
     """S r and S r' at the end of an instant, R u, and elongations of the branches, for the damping and the account of
     energies, which alone need them; the solution in ``load``, forces beyond the reference tractions in ``inner``."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     viscosity = pools.fixed[row.face_viscosity] if row.on_face == 1 else 0.0
     remembers = row.n_relaxing > 0 or row.n_inertial > 0 or row.accounted == 1
     if row.on_face == 0 or (viscosity == 0.0 and not remembers):
         return
-    n, k, size, ratio = row.n_inner, row.n_elastic, row.n, run.velocity_gain / run.displacement_gain
+    n = row.n_inner
+    k = row.n_elastic
+    size = row.n
+    ratio = run.velocity_gain / run.displacement_gain
     solved, squares = work[row.load : row.load + size], work[row.mass_a : row.mass_a + size]
     state, change = work[row.face_state : row.face_state + 4 * n], work[row.row_force : row.row_force + k]
     on_rows(pools, c, solved, change)
@@ -209,7 +223,9 @@ def keep_face_forces(pools: Any, c: int) -> None:
     share = run.displacement_gain / (run.displacement_gain * stiffened(pools, c, k) + viscosity * run.velocity_gain)
     for i in range(n):
         left = work[row.face_load + i] + work[row.inner + i] - squares[pools.fixed_int[row.dofs + i]]
-        force, old, rate = state[n + i] + share * left, state[2 * n + i], state[3 * n + i]
+        force = state[n + i] + share * left
+        old = state[2 * n + i]
+        rate = state[3 * n + i]
         work[row.face_rate + i] = rate + ratio * (force - old - run.u_v * rate)
         state[2 * n + i], state[3 * n + i] = force, (force - old) / run.dt
     _relax_face(pools, c, solved)
@@ -242,7 +258,9 @@ def _relax_rows(pools: Any, c: int, change: Array) -> None:
 @kernel
 def _relax_face(pools: Any, c: int, solved: Array) -> None:
     """Elongations e of the branches of S and S e of the new instant; accelerations ``solved`` (n,)."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     n, dofs = row.n_inner, pools.fixed_int[row.dofs : row.dofs + row.n_inner]
     share = pools.fixed[row.relaxing_shares + row.n_elastic]
     rate = row.face_state + 3 * n
@@ -290,7 +308,9 @@ def add_face_forces(pools: Any, c: int, elastic: bool, viscous: bool, out: Array
 @kernel
 def inertial_energy(pools: Any, c: int) -> float:
     """Kinetic energy of the rows of inertia, by their mean velocity over the step, J."""
-    row, work, total = pools.classes[c], pools.moving, 0.0
+    row = pools.classes[c]
+    work = pools.moving
+    total = 0.0
     first = rows_at(row) + row.n_elastic - row.n_inertial
     for i in range(row.n_inertial):
         total += 0.5 * (work[first + i] - work[earlier_at(row) + i]) ** 2
@@ -302,9 +322,14 @@ def relaxed_energy(pools: Any, c: int) -> float:
     """Elastic energy of the springs of the branches, less half the work of their forces on the displacements, which
     ``add_face_forces`` puts among those of K, J."""
     row, work = pools.classes[c], pools.moving
-    n, k, total = row.n_inner, row.n_elastic, 0.0
+    n = row.n_inner
+    k = row.n_elastic
+    total = 0.0
     for j in range(row.n_relaxing):
-        strength, at, of_rows, of_face = 0.5 * relaxing(pools, c, STRENGTH, j), rows_at(row) + (1 + j) * k, 0.0, 0.0
+        strength = 0.5 * relaxing(pools, c, STRENGTH, j)
+        at = rows_at(row) + (1 + j) * k
+        of_rows = 0.0
+        of_face = 0.0
         for i in range(k):
             elongation = work[at + i]
             of_rows += pools.fixed[row.relaxing_shares + i] * elongation * (elongation - work[rows_at(row) + i])

@@ -58,7 +58,9 @@ def forward(pools: Any, c: int) -> None:
     """Forward substitution of the load: its interior part stays in ``half_solution`` (in tiles from TILED members on),
     the interface part, where it is kept for last, goes to ``inner``."""
     row, work = pools.classes[c], pools.moving
-    n, m, n_interior = row.n, row.m, row.n_interior
+    n = row.n
+    m = row.m
+    n_interior = row.n_interior
     order = pools.fixed_int[row.order : row.order + n]
     load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + row.n_inner * m]
     x = work[row.half_solution : row.half_solution + n * tile_width(m)]
@@ -98,7 +100,9 @@ def backward(pools: Any, c: int) -> None:
     """Full solution in ``load`` from ``half_solution`` and, where the interface dofs are kept for last, their values in
     ``inner_answer``."""
     row, work = pools.classes[c], pools.moving
-    n, m, n_interior = row.n, row.m, row.n_interior
+    n = row.n
+    m = row.m
+    n_interior = row.n_interior
     order = pools.fixed_int[row.order : row.order + n]
     out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + row.n_inner * m]
     at = row.half_solution
@@ -173,8 +177,12 @@ def refers(pools: Any, c: int) -> bool:
 def add_reference(pools: Any, c: int) -> None:
     """Add the tractions of the last instant, or those that are expected (``prediction``), as the reference of the new
     ones, to the load of a class; none where it rests, and without inertia."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    m = row.m
+    n_inner = row.n_inner
+    size = row.n_channel * row.m
     reference, nodal = work[row.reference : row.reference + size], work[row.channel : row.channel + size]
     inner, load = work[row.inner : row.inner + n_inner * m], work[row.load : row.load + row.n * m]
     # 0 where nothing is added
@@ -250,11 +258,9 @@ def forward_on_face(pools: Any, c: int, four: bool, x: Array, tail: Array) -> No
     """Forward substitution of a tile, or of ``four`` vectors, on the face with the factor without dashpots."""
     row, numbers = pools.classes[c], pools.fixed_int
     n_super = row.n_super
-    first, row_start, panel_start = (
-        numbers[row.first : row.first + n_super + 1],
-        numbers[row.row_start : row.row_start + n_super + 1],
-        numbers[row.panel_start : row.panel_start + n_super + 1],
-    )
+    first = numbers[row.first : row.first + n_super + 1]
+    row_start = numbers[row.row_start : row.row_start + n_super + 1]
+    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     face_start, rows = numbers[row.face_start : row.face_start + n_super], numbers[row.rows : row.rows + row.n_rows]
     single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
     panels = pools.fixed[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]

@@ -53,7 +53,9 @@ BUDGET, OF_LONG = 2e-5, 1e-4
 """Share of the energy put in that errors may do as work, a fifth of what a run promises, since to make them up later
 takes as many times the work as the pressure has risen; where time steps are longer than waves take through an element,
 and in windows of several instants: there the scheme dissipates more than that, and an iteration gains less."""
-SHARE, SHARE_OF_LONG, SHARE_OF_WINDOW = 0.15, 0.03, 0.5
+SHARE = 0.15
+SHARE_OF_LONG = 0.03
+SHARE_OF_WINDOW = 0.5
 """Share of what is left of it for an instant, for one of long steps (as much work), for a window of several."""
 LEAST = 0.1
 """Share of this that an instant may always do."""
@@ -83,9 +85,16 @@ def residual_parts(pools: Any, window: int) -> None:
 @kernel
 def _add_parts(pools: Any, e: int, i: int, window: int, parts: Array) -> None:
     """Residual r of q of an interface at instant i of the window; adds to its sums."""
-    run, work, fixed, n = pools.run[0], pools.moving, pools.fixed, pools.run[0].n_flat
+    run = pools.run[0]
+    work = pools.moving
+    fixed = pools.fixed
+    n = pools.run[0].n_flat
     size, alone = pools.fixed_int[run.segments + 3 * e + 2], window == 1
-    difference, changed, tractions, whole, power = 0.0, 0.0, 0.0, 0.0, 0.0
+    difference = 0.0
+    changed = 0.0
+    tractions = 0.0
+    whole = 0.0
+    power = 0.0
     for side in range(pools.fixed_int[run.sides + e]):  # ground weighs nothing, and moves as the law says
         at = pools.fixed_int[run.segments + 3 * e + side]
         k, still = fixed[run.k + at : run.k + at + size], fixed[run.still + at : run.still + at + size]
@@ -213,10 +222,16 @@ def add_all_norms(pools: Any, window: int) -> None:
         for r in range(run.n_norm - run.n_process):
             total += work[run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window + e]
         work[run.norms + e] = total
-    acts, put_in, drift, known, cross = 0.0, 0.0, 0.0, True, 0.0
+    acts = 0.0
+    put_in = 0.0
+    drift = 0.0
+    known = True
+    cross = 0.0
     for r in range(run.n_norm - run.n_process, run.n_norm):
         at = run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window
-        acts, put_in, drift = max(acts, work[at]), put_in + work[at + 1], drift + work[at + 2]
+        acts = max(acts, work[at])
+        put_in = put_in + work[at + 1]
+        drift = drift + work[at + 2]
         known, cross = known and work[at + 1] >= 0.0, cross + work[at + 3]
     work[run.norms + 4 * window] = cross
     work[run.acting] = acts
@@ -239,7 +254,9 @@ def relative_forces(pools: Any, window: int) -> float:
     ``measure[3:5]``: largest norms of normal and tangential forces with this iterate."""
     run, work = pools.run[0], pools.moving
     measure = work[run.measure : run.measure + 8]
-    parts, error_n, error_t = 1 + run.tangential, 0.0, 0.0
+    parts = 1 + run.tangential
+    error_n = 0.0
+    error_t = 0.0
     for i in range(window):
         total = work[run.norms + 4 * i : run.norms + 4 * i + 4]
         for part in range(parts):
@@ -313,7 +330,9 @@ def work_of_error(pools: Any, window: int, power: float) -> float:
 @kernel
 def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, into: int) -> None:
     """Add x C x of the nodal forces and of their half residuals on the n channels ``measured`` from ``start`` on."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     m = row.m
     channels = pools.fixed_int[row.channels : row.channels + row.n_channel * m]
     measured = pools.fixed_int[row.measured + start : row.measured + start + n]
@@ -324,7 +343,9 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
     size = symmetric_size(n, row.plain_response, m)
     single = pools.fixed_single[compliance : compliance + (size if row.halved_norms == 1 else 0)]
     table = pools.fixed[compliance : compliance + (0 if row.halved_norms == 1 else size)]
-    force, half, cross = 0.0, 0.0, 0.0
+    force = 0.0
+    half = 0.0
+    cross = 0.0
     if m < TILED and row.plain_response == 0:  # two rows (2, n) per member
         for j in range(m):
             for e in range(n):
@@ -353,9 +374,15 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
 @kernel
 def _add_patched_norms(pools: Any, c: int, i: int, parts: int) -> None:
     """``_add_norms`` of all parts of a class in patches, C being the gain of the scheme times S^-1."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    n, measured, place = row.n_live, pools.fixed_int[row.measured :], pools.fixed_int[row.measured_place :]
-    x, sums, gain = work[row.vectors : row.vectors + 4 * n], work[row.answers : row.answers + 6], gain_of(row, run)
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    n = row.n_live
+    measured = pools.fixed_int[row.measured :]
+    place = pools.fixed_int[row.measured_place :]
+    x = work[row.vectors : row.vectors + 4 * n]
+    sums = work[row.answers : row.answers + 6]
+    gain = gain_of(row, run)
     x[:] = 0.0
     for e in range(n):
         at, to = pools.fixed_int[row.channels + measured[e]], place[e] + (0 if e < row.n_normal else 2 * n)
@@ -374,8 +401,13 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     """The same for all parts by forward substitution on the face, x C x = gain |L^-1 T^T x|^2: for each member its
     forces and half residuals in turn, normal, then tangential, eight vectors at a time; four one after the other where
     there are no more and the factor is larger than the cache."""
-    row, run, work, numbers = pools.classes[c], pools.run[0], pools.moving, pools.fixed_int
-    n, m, count = row.n, row.m, 2 * parts * row.m
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    numbers = pools.fixed_int
+    n = row.n
+    m = row.m
+    count = 2 * parts * row.m
     channels, normal = numbers[row.channels : row.channels + row.n_channel * m], numbers[row.component :]
     face, starts = numbers[row.face : row.face + row.n_inner], numbers[row.spread_starts :]
     columns, values = pools.fixed_col[row.spread_columns :], pools.fixed[row.spread_values :]
@@ -389,7 +421,9 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     for first in range(0, count, LANES):
         x[:] = 0.0
         for lane in range(min(LANES, count - first)):
-            part, member, half = (first + lane) // (2 * m), (first + lane) // 2 % m, (first + lane) % 2 == 1
+            part = (first + lane) // (2 * m)
+            member = (first + lane) // 2 % m
+            half = (first + lane) % 2 == 1
             for d in range(row.n_inner):
                 total = 0.0
                 for e in range(starts[d], starts[d + 1]):
@@ -399,7 +433,11 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
                 x[step * face[d] + apart * lane] = total
         forward_on_face(pools, c, four, x, tail)
         for lane in range(min(LANES, count - first)):
-            part, odd, own, total, cross = (first + lane) // (2 * m), lane % 2, apart * lane, 0.0, 0.0
+            part = (first + lane) // (2 * m)
+            odd = lane % 2
+            own = apart * lane
+            total = 0.0
+            cross = 0.0
             # forces stand in even lanes, their half residuals next to them
             other = apart * (lane - odd)  # the force of this half residual
             for d in range(n):

@@ -33,11 +33,23 @@ from typing import Any, Final
 
 from ..compiled import entry, kernel
 
-HOLD, RATE, LINE, CAUSAL, PATH = 0, 1, 2, 3, 4
+HOLD = 0
+RATE = 1
+LINE = 2
+CAUSAL = 3
+PATH = 4
 """Rules of interpolation."""
-LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
+LOAD = 0
+MOTION = 1
+DISPLACEMENT = 2
+WAVE = 3
 """Kinds of inputs."""
-REACHED, BEFORE, HELD, RATED, CARRIED, DRIVEN = 0, 1, 2, 3, 4, 5
+REACHED = 0
+BEFORE = 1
+HELD = 2
+RATED = 3
+CARRIED = 4
+DRIVEN = 5
 """Rows of the memory."""
 N_MEMORY: Final = 6
 _SAME_STEP, _DRIFT = 1e-9, 1e-12
@@ -61,7 +73,9 @@ def amplitude(
     given: Any, memory: Any, kinds: Any, e: int, span: float, x: float, total: float, rule: int, dt: float
 ) -> float:
     """Amplitude of an input x time steps after the start of the communication step. ``given`` : values, rates set."""
-    value, reached, kind = given[0][e], memory[REACHED * len(kinds) + e], kinds[e]
+    value = given[0][e]
+    reached = memory[REACHED * len(kinds) + e]
+    kind = kinds[e]
     if kind == WAVE and rule != HOLD and given[1][e] == 0.0:
         rule = LINE
     if rule == HOLD:
@@ -130,7 +144,9 @@ def keep(
 ) -> float:
     """Memory after ``done`` of the ``whole`` time steps, with which the communication step ends, at an instant unless
     they are all; its length, s."""
-    n, total, behind = len(kinds), (whole + rest) - begin, rest if done == whole else 0.0
+    n = len(kinds)
+    total = (whole + rest) - begin
+    behind = rest if done == whole else 0.0
     # length that was made, in time steps
     ended = (done + behind) - begin
     for e in range(n):

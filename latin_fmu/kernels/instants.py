@@ -25,7 +25,9 @@ from .tasks import END, END_OF_WINDOW, PREDICT, SOLUTION, each_class
 
 Array = NDArray[np.float64]
 
-WITHIN, CORRECTED, FAILED = 1, 0, -1
+WITHIN = 1
+CORRECTED = 0
+FAILED = -1
 """Results of ``correct``."""
 OPENINGS, GUESS, FREE = range(3)
 """How much ``begin_at`` does."""
@@ -127,7 +129,9 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
 @kernel
 def accept(pools: Any, window: int) -> None:
     """Take over the scales of the accepted iterate, and bring the largest indicator of each interface up to date."""
-    run, work, state = pools.run[0], pools.moving, pools.moving
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
     n = run.n_flat
     for e in range(3):
         state[run.scales + e] = work[run.measure + 2 + e]
@@ -196,7 +200,10 @@ def first_guess(pools: Any, instant: int) -> None:
     At rough tolerances nothing is extrapolated: an extrapolation accepted within the tolerance would feed its own error
     and gain energy.
     """
-    run, work, state, direction = pools.run[0], pools.moving, pools.moving, pools.fixed
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
+    direction = pools.fixed
     n = run.n_flat
     q, k = work[run.q : run.q + n], direction[run.k : run.k + n]
     if run.direct_bonds == 1:
@@ -215,7 +222,9 @@ def first_guess(pools: Any, instant: int) -> None:
     # loads that turn back do not carry the last velocities on
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
-    f_hat, w_hat, w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n], work[run.w : run.w + n]
+    f_hat = state[run.f_hat : run.f_hat + n]
+    w_hat = state[run.w_hat : run.w_hat + n]
+    w = work[run.w : run.w + n]
     for j in range(n):
         w[j] = carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
@@ -270,7 +279,9 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
 def end_instant(pools: Any, instant: int, i: int) -> None:
     """Gaps and drifts at the end of an instant, and its accepted fields among histories and as the start of the next
     one; they are those of instant i of the window."""
-    run, moving, of_ground = pools.run[0], pools.moving, 0.0
+    run = pools.run[0]
+    moving = pools.moving
+    of_ground = 0.0
     # arrays of N numbers one behind the other: displacement, moved, layer
     exchange(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
     for e in range(run.n_ground):
@@ -291,7 +302,10 @@ def end_instant(pools: Any, instant: int, i: int) -> None:
 @kernel
 def keep_fields(pools: Any, instant: int, i: int) -> None:
     """Keep the local-stage fields of instant i of the window."""
-    run, work, state, output = pools.run[0], pools.moving, pools.moving, pools.moving
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
+    output = pools.moving
     n = run.n_flat
     f_hat, w_hat = (
         work[run.local_f + i * n : run.local_f + (i + 1) * n],
@@ -312,7 +326,9 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
 def end_window_instant(pools: Any, instant: int, i: int) -> None:
     """March every class over instant i of a window with the accepted q, and read gaps, energies and probes."""
     each_class(pools, END_OF_WINDOW, instant, i)
-    run, work, work_done = pools.run[0], pools.moving, 0.0
+    run = pools.run[0]
+    work = pools.moving
+    work_done = 0.0
     for c in range(len(pools.classes)):  # F acts, not F_hat
         row = pools.classes[c]
         for e in range(row.n_channel * row.m):
@@ -326,7 +342,10 @@ def end_window_instant(pools: Any, instant: int, i: int) -> None:
 @kernel
 def read_start(pools: Any) -> None:
     """Gaps, probed velocities and energies at instant 0 of the segment; tractions and velocities are in the state."""
-    run, work, state, output = pools.run[0], pools.moving, pools.moving, pools.moving
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
+    output = pools.moving
     n = run.n_flat
     for c in range(len(pools.classes)):
         probe(pools, c, 0)

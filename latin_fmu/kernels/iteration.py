@@ -58,7 +58,10 @@ the velocities is up to twice as large at the same residual."""
 MOST = 6
 """Newton steps of an instant after which the work of the error does not count. Where steps are long none are made for
 it: they gain a factor of two each there, and the scheme takes most of the energy of an instant anyway."""
-CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
+CONVERGED = 1
+BEST = 2
+STALLED = 4
+BROKEN = 8
 """Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
 
 
@@ -185,7 +188,10 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
         return BROKEN
     since = int(work[run.course + PHASE])
     # the acceleration may have begun anew where Newton's method was left
-    phase, best, before, recent = max(phase, since), np.inf, np.inf, np.inf
+    phase = max(phase, since)
+    best = np.inf
+    before = np.inf
+    recent = np.inf
     for i in range(since, iteration + 1):
         now = merits[2 * i + 1] if np.isfinite(merits[2 * i + 1]) else numbers[5] * merits[2 * i]  # NaN: not measured
         if i < iteration:

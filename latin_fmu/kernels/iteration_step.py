@@ -32,7 +32,9 @@ from .sums import add_parts, exchange_parts
 
 Array = NDArray[np.float64]
 
-AT_FIRST, LEAST, LARGEST = 0.03, 0.01, 0.1
+AT_FIRST = 0.03
+LEAST = 0.01
+LARGEST = 0.1
 """Residual over that at the start of a step which ends it: at the first one, least and largest."""
 
 

@@ -46,7 +46,9 @@ def admit(pools: Any, x: Array, out: Array) -> None:
     out[:] = 0.0
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+        m = row.m
+        n_live = row.n_live
+        size = row.n_channel * row.m
         channels, live = (
             pools.fixed_int[row.channels : row.channels + size],
             pools.fixed_int[row.live : row.live + n_live],
@@ -85,7 +87,9 @@ def widen(pools: Any) -> None:
         group = pools.groups[g]
         if group.law < 0:  # its points keep their z
             continue
-        h, size, n_parameter = group.n_component, group.n_point * group.n_component, group.n_parameter
+        h = group.n_component
+        size = group.n_point * group.n_component
+        n_parameter = group.n_parameter
         width = h if group.elastic == 1 else 1
         rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
         jump, traction = work[group.jump : group.jump + size], work[group.traction : group.traction + size]
@@ -179,7 +183,9 @@ def turn(small: Array, k: int, below: float, most: int) -> float:
     of the least-squares problem. ``small`` : columns of the triangle (most, most + 1), cosines and sines of the
     rotations, the right-hand side, whose first number is the residual at the start."""
     width = most + 1
-    cosine, sine, right = small[most * width :], small[(most + 1) * width :], small[(most + 2) * width :]
+    cosine = small[most * width :]
+    sine = small[(most + 1) * width :]
+    right = small[(most + 2) * width :]
     column = small[k * width : (k + 1) * width]
     # rotations of the columns before, then one that takes the number below the diagonal
     for e in range(k):
@@ -211,7 +217,9 @@ def expand(pools: Any, n: int, rest: float, enough: float) -> int:
     """Arnoldi vectors from the first one of ``basis`` on, until the residual ``rest`` is at most ``enough``; their
     number. The coefficients are the columns of the triangle, rotations, and the rotated right-hand side."""
     run, work = pools.run[0], pools.moving
-    width, inverse, scaled = VECTORS + 1, work[run.krylov_work + SMALL :][:n], work[run.krylov_work + SMALL + n :][:n]
+    width = VECTORS + 1
+    inverse = work[run.krylov_work + SMALL :][:n]
+    scaled = work[run.krylov_work + SMALL + n :][:n]
     small = work[run.krylov_work : run.krylov_work + SMALL]
     small[(VECTORS + 2) * width] = rest
     for k in range(VECTORS):
@@ -244,7 +252,9 @@ def solve_by_products(pools: Any, n: int, share: float) -> int:
     that it took, 0 where it is not a number."""
     run, work = pools.run[0], pools.moving
     scratch = work[run.krylov_work + SMALL : run.krylov_work + SMALL + 3 * n]
-    inverse, product, solution = scratch[:n], scratch[n : 2 * n], scratch[2 * n :]
+    inverse = scratch[:n]
+    product = scratch[n : 2 * n]
+    solution = scratch[2 * n :]
     right, residual = work[run.unknowns : run.unknowns + n], work[run.basis : run.basis + n]
     invert_diagonal(pools, inverse)
     precondition(pools, right, inverse, residual)

@@ -90,7 +90,9 @@ def coarse_parts(pools: Any) -> None:
     substructures here."""
     run, work = pools.run[0], pools.moving
     n, size = run.n_flat, run.n_coarse_own
-    q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
+    q = work[run.q : run.q + n]
+    w = work[run.w : run.w + n]
+    k = pools.fixed[run.k : run.k + n]
     rest = work[run.s : run.s + n]  # written by ``outgoing`` after this
     for j in range(n):
         rest[j] = q[j] - k[j] * w[j]
@@ -105,8 +107,12 @@ def coarse_parts(pools: Any) -> None:
 def balance(pools: Any) -> None:
     """Bring q and the W of the substructures to balance in the mean of every interface, from the ``coarse_parts`` of
     both sides of all of them."""
-    run, work, direction = pools.run[0], pools.moving, pools.fixed
-    n, size, own = run.n_flat, run.n_coarse, run.n_coarse_here
+    run = pools.run[0]
+    work = pools.moving
+    direction = pools.fixed
+    n = run.n_flat
+    size = run.n_coarse
+    own = run.n_coarse_here
     q, w = work[run.q : run.q + n], work[run.w : run.w + n]
     total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + size + own]
     # F + F' over each interface, which is 0 in balance

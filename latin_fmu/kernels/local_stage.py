@@ -47,7 +47,10 @@ POINT = 27
 def outgoing(pools: Any, g: int, i: int, low: int, high: int) -> None:
     """F = q - k W of the linear stage (12), (13) and s = W - F / k at instant i of the window, on both sides of the
     points from ``low`` to ``high`` of a group."""
-    group, run, work, direction = pools.groups[g], pools.run[0], pools.moving, pools.fixed
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
+    direction = pools.fixed
     h = group.n_component
     for side in range(2):
         first, n = group.start + (side * group.n_point + low) * h, (high - low) * h
@@ -66,19 +69,25 @@ def outgoing(pools: Any, g: int, i: int, low: int, high: int) -> None:
 def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
     """Arguments of the law of the points from ``low`` to ``high`` of a group at instant i of the window: ``jump`` and
     ``reach``."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     h = group.n_component
     size, first = (high - low) * h, run.s + i * run.n_flat + group.start + low * h
     second = first + group.n_point * h
     # far is read up to ``size``
-    jump, near, far = work[group.jump + low * h : group.jump + high * h], work[first : first + size], work[second:]
+    jump = work[group.jump + low * h : group.jump + high * h]
+    near = work[first : first + size]
+    far = work[second:]
     if i == 0 and run.longest_window > 1:
         _start_window(pools, g, low, high)
     planned, make_up = work[group.planned + low * h : group.planned + high * h], run.make_up
     for j in range(size):
         jump[j] = far[j] - near[j] + make_up * planned[j]
     width = h if group.elastic == 1 else 1
-    count, begin, end = group.n_point * width, low * width, high * width
+    count = group.n_point * width
+    begin = low * width
+    end = high * width
     start = work[group.opening + 3 * count + begin : group.opening + 3 * count + end]
     reach = work[group.reach + begin : group.reach + end]
     if group.elastic == 1:
@@ -99,7 +108,9 @@ def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
 def _hold_pressed(pools: Any, g: int, i: int, low: int, high: int) -> None:
     """Points without slip that were pressed at the end of the instant before are closed, whatever gap the time scheme
     leaves them: it enters with the free velocity, of which the law along N takes the sum with ``reach`` alone."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     h = group.n_component
     # inside a window the iterate of the instant before
     before = (run.f_hat if i == 0 else run.local_f + (i - 1) * run.n_flat) + group.start
@@ -132,7 +143,9 @@ def solve_points(pools: Any, g: int, low: int, high: int) -> None:
     if pools.groups[g].law < 0:
         call_out(pools, LAW, g, low, high)
         return
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     h, n_parameter = group.n_component, group.n_parameter
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
@@ -157,7 +170,9 @@ def solve_points(pools: Any, g: int, low: int, high: int) -> None:
 def add_tangent_at(pools: Any, g: int, p: int, scratch: Array, out: Array) -> None:
     """Add J = dF_hat / djump of a point of a group, at the arguments that its law had last, to ``out`` (h * h,); the
     ``scratch`` has POINT numbers."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     h, n_parameter = group.n_component, group.n_parameter
     width = h if group.elastic == 1 else 1
     add_tangent(
@@ -176,7 +191,9 @@ def add_tangent_at(pools: Any, g: int, p: int, scratch: Array, out: Array) -> No
 def finish(pools: Any, g: int, i: int, window: int, low: int, high: int) -> None:
     """F_hat and W_hat of both sides of the points from ``low`` to ``high`` of a group at instant i; in a window of
     several instants the opening that follows."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     h = group.n_component
     at, n = i * run.n_flat, (high - low) * h
     traction = work[group.traction + low * h : group.traction + high * h]
@@ -207,7 +224,9 @@ def points_stage(pools: Any, g: int, window: int, low: int, high: int) -> None:
 @kernel
 def _follow(pools: Any, g: int, w_hat: Array, low: int, high: int) -> None:
     """Opening of the next instant of the window from the velocities W_hat of this one."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     if group.opens == 0 and group.elastic == 0:
         return
     h = group.n_component
@@ -235,7 +254,9 @@ def _follow(pools: Any, g: int, w_hat: Array, low: int, high: int) -> None:
 def _follow_plan(pools: Any, g: int, low: int, high: int) -> None:
     """Drift of a group that is left for the next instant of the window where the sides move as the local stage says:
     ``make_up`` of it is made up."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     if group.keeps_normal == 0 and group.keeps_tangential == 0:
         return
     h = group.n_component
@@ -262,11 +283,15 @@ def _kept(group: Any, traction: Array, c: int) -> bool:
 def _advance_drift(pools: Any, g: int, to: int, j: int, error: float, kept: bool) -> None:
     """Drift j of a group in the array ``to`` after an instant in which the velocity of the sides exceeds that of the
     law by ``error``, by the displacement recursion of the scheme; 0 where the law fixes no place."""
-    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
     size = group.n_point * group.n_component
     velocity, rate = work[to + size + j], work[to + 2 * size + j]
     if not kept:  # nothing to be made up where the place is free
-        work[to + j], work[to + size + j], work[to + 2 * size + j] = 0.0, 0.0, 0.0
+        work[to + j] = 0.0
+        work[to + size + j] = 0.0
+        work[to + 2 * size + j] = 0.0
         return
     work[to + j] += run.opening_v * velocity + run.opening_a * rate + run.opening_new * error
     work[to + size + j] = error
@@ -278,7 +303,10 @@ def follow_drift(pools: Any, i: int) -> None:
     """Drift of the groups at the end of instant i of the window, from ``moved`` and the accepted fields; the velocities
     W_hat of these become those of the law, the drift that was to be made up taken out in the ratio of the 1/k of both
     sides."""
-    run, work, at, lost = pools.run[0], pools.moving, i * pools.run[0].n_flat, 0.0
+    run = pools.run[0]
+    work = pools.moving
+    at = i * pools.run[0].n_flat
+    lost = 0.0
     area = pools.fixed[run.area : run.area + run.n_flat]
     for g in range(len(pools.groups)):
         group = pools.groups[g]
@@ -302,7 +330,9 @@ def follow_drift(pools: Any, i: int) -> None:
                     work[far] += (1.0 - share) * planned
                 moved = work[run.moved + second + j] - work[run.moved + first + j]
                 # before the drift is advanced
-                kept, error, before = _kept(group, held, c), moved - (work[far] - work[near]), work[group.drift + j]
+                kept = _kept(group, held, c)
+                error = moved - (work[far] - work[near])
+                before = work[group.drift + j]
                 _advance_drift(pools, g, group.drift, j, error, kept)
                 if owned and kept:
                     lost += area[first + j] * held[c] * (work[group.drift + j] - before)
@@ -384,7 +414,9 @@ def read_motion(pools: Any, instant: int, kind: int) -> None:
     """Displacement (``kind`` 0), velocity (1) or acceleration (2) of the channels, into ``displacement``."""
     run = pools.run[0]
     flat = pools.moving[run.displacement : run.displacement + run.n_flat]
-    of_u, of_v, of_a = 0.0, 0.0, 0.0
+    of_u = 0.0
+    of_v = 0.0
+    of_a = 0.0
     if kind == 0:
         of_u, of_v = 1.0, run.gap_offset
     elif kind == 1:
@@ -490,7 +522,9 @@ def _relax(pools: Any, g: int, displacement: Array, ended: bool) -> None:
     start, second = state[group.layer : group.layer + size], group.start + size
     for p in range(group.n_point):
         at = group.relaxation + 3 * p
-        kept, moved, left = pools.fixed[at], pools.fixed[at + 1], pools.fixed[at + 2]
+        kept = pools.fixed[at]
+        moved = pools.fixed[at + 1]
+        left = pools.fixed[at + 2]
         for c in range(h):
             j = p * h + c
             jump = displacement[second + j] - displacement[group.start + j]

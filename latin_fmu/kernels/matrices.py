@@ -40,22 +40,34 @@ def add_sum(pools: Any, c: int, which: int, instant: int, factor: float, out: Ar
     """out += factor times a sum of patterns with their amplitudes at an instant: forces on the dofs, inertia of the
     prescribed motions, displacements, velocities or accelerations that these give the channels, or loads."""
     row = pools.classes[c]
-    n, starts_at, rows_at = row.force_terms, row.force_starts, row.force_rows
+    n = row.force_terms
+    starts_at = row.force_starts
+    rows_at = row.force_rows
     values_at, at = row.force_values, row.force_amplitudes
     if which == INERTIA:
-        n, starts_at, rows_at = row.inertia_terms, row.inertia_starts, row.inertia_rows
+        n = row.inertia_terms
+        starts_at = row.inertia_starts
+        rows_at = row.inertia_rows
         values_at, at = row.inertia_values, row.inertia_amplitudes
     elif which == DISPLACEMENTS:
-        n, starts_at, rows_at = row.displacement_terms, row.displacement_starts, row.displacement_rows
+        n = row.displacement_terms
+        starts_at = row.displacement_starts
+        rows_at = row.displacement_rows
         values_at, at = row.displacement_values, row.displacement_amplitudes
     elif which == VELOCITIES:
-        n, starts_at, rows_at = row.velocity_terms, row.velocity_starts, row.velocity_rows
+        n = row.velocity_terms
+        starts_at = row.velocity_starts
+        rows_at = row.velocity_rows
         values_at, at = row.velocity_values, row.velocity_amplitudes
     elif which == ACCELERATIONS:
-        n, starts_at, rows_at = row.acceleration_terms, row.acceleration_starts, row.acceleration_rows
+        n = row.acceleration_terms
+        starts_at = row.acceleration_starts
+        rows_at = row.acceleration_rows
         values_at, at = row.acceleration_values, row.acceleration_amplitudes
     elif which == LOADS:
-        n, starts_at, rows_at = row.work_terms, row.work_starts, row.work_rows
+        n = row.work_terms
+        starts_at = row.work_starts
+        rows_at = row.work_rows
         values_at, at = row.work_values, row.work_amplitudes
     if n == 0:
         return
@@ -112,11 +124,17 @@ def read_channels(
     pools: Any, c: int, instant: int, of_u: float, of_v: float, of_a: float, normal: bool, out: Array
 ) -> None:
     """of_u u + of_v v + of_a a of the channels into ``out`` (N,); ``normal``: only normal channels need be right."""
-    row, work, state = pools.classes[c], pools.moving, pools.moving
-    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    row = pools.classes[c]
+    work = pools.moving
+    state = pools.moving
+    m = row.m
+    n_inner = row.n_inner
+    size = row.n_channel * row.m
     channels, dofs = pools.fixed_int[row.channels : row.channels + size], pools.fixed_int[row.dofs : row.dofs + n_inner]
     inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
-    u, v, a = (state[row.u : row.u + row.n * m], state[row.v : row.v + row.n * m], state[row.a : row.a + row.n * m])
+    u = state[row.u : row.u + row.n * m]
+    v = state[row.v : row.v + row.n * m]
+    a = state[row.a : row.a + row.n * m]
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = of_u * u[dofs[i] * m + j]

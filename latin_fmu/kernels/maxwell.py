@@ -108,7 +108,9 @@ def reach_instant(pools: Any, c: int) -> None:
 @kernel
 def whole_elongation(pools: Any, c: int, j: int, instant: int, out: Array) -> None:
     """Elongation of branch j of dofs and motions (n + n_motion, m)."""
-    row, run, moving = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    moving = pools.moving
     size, count = row.n * row.m, row.n_motion * row.m
     copied(moving[row.elongation + j * size : row.elongation + (j + 1) * size], out[:size])
     at = row.motions + ((3 + j) * run.n_time + instant) * count
@@ -165,11 +167,9 @@ def account_branches(pools: Any, c: int, instant: int, step: Array, force: Array
         for i in range(wide):
             change[i] -= new[i]
     for j in range(row.n_branch):
-        strength, kept, moved = (
-            weight(pools, c, STRENGTH, j),
-            weight(pools, c, OF_ELONGATION, j),
-            weight(pools, c, OF_MOTION, j),
-        )
+        strength = weight(pools, c, STRENGTH, j)
+        kept = weight(pools, c, OF_ELONGATION, j)
+        moved = weight(pools, c, OF_MOTION, j)
         elongation, strained = fields_of(pools, c, j, wide)
         whole_elongation(pools, c, j, instant, new)
         # the sums of both instants first: the loss is a product of them
@@ -195,20 +195,23 @@ def account_explicit_branches(
     first, of_first : u_mid - u and K times it; step, of_step : u_new - u likewise; all (n + n_motion, m).
     """
     row, moving = pools.classes[c], pools.moving
-    m, wide, size = row.m, (row.n + row.n_motion) * row.m, row.n * row.m
+    m = row.m
+    wide = (row.n + row.n_motion) * row.m
+    size = row.n * row.m
     totals = moving[row.totals : row.totals + N_TERM * m]
     damped, of_scheme = totals[DAMPED * m : (DAMPED + 1) * m], totals[OF_SCHEME * m : (OF_SCHEME + 1) * m]
     of_loads = totals[WORK_OF_LOADS * m : (WORK_OF_LOADS + 1) * m]
     for j in range(row.n_branch):
-        strength, kept, moved = (
-            weight(pools, c, STRENGTH, j),
-            weight(pools, c, OF_ELONGATION, j),
-            weight(pools, c, OF_MOTION, j),
-        )
+        strength = weight(pools, c, STRENGTH, j)
+        kept = weight(pools, c, OF_ELONGATION, j)
+        moved = weight(pools, c, OF_MOTION, j)
         lost = 0.5 * strength * weight(pools, c, HALF_RATIO, j)
         elongation, strained = fields_of(pools, c, j, wide)
         for member in range(m):
-            loss, scheme, reaction, stored = 0.0, 0.0, 0.0, 0.0
+            loss = 0.0
+            scheme = 0.0
+            reaction = 0.0
+            stored = 0.0
             for i in range(member, wide, m):
                 last = step[i] - first[i]
                 of_last = of_step[i] - of_first[i]

@@ -45,7 +45,9 @@ from .sums import add_parts, exchange, exchange_parts
 
 Array = NDArray[np.float64]
 
-COLD, WARM, LATE = 6, 3, 9
+COLD = 6
+WARM = 3
+LATE = 9
 """Iterations before the first step; the same where the instant before ended with one; iterations after which a step is
 made however close the tolerance is."""
 FAR = 10.0
@@ -76,12 +78,16 @@ by up to ten times; share of the tolerances that ends it then."""
 EXPECTED, UNSETTLED = 2, 6
 """Steps that end an instant, as their price is reckoned with; those by products while none have been made, where faces
 meet and the points find their states."""
-SOME, MANY, BESIDE = 6.0, 50.0, 3.0
+SOME = 6.0
+MANY = 50.0
+BESIDE = 3.0
 """Products of a step by these before any was made, with the tied assembly and without; iterations that such a step
 costs beside its products."""
 SLOWER = 2.0
 """How many times more iterations an instant of long range takes than the rate of the last ones lets expect."""
-NEAR, AIM, ROUGH_STEPS = 100.0, 0.1, 8
+NEAR = 100.0
+AIM = 0.1
+ROUGH_STEPS = 8
 """Distance from the tolerances up to which a step by products is solved as far as it has to be to end the instant, and
 the share of the tolerances that it aims at: farther off the active points change anyway. Steps of an instant after
 which all are solved closely."""
@@ -292,7 +298,11 @@ def search(pools: Any) -> None:
     inertia it is the full step where no trial is better than the start: where the active points are far from those of
     the solution, short steps lead in circles, and a few full ones to it."""
     course = pools.moving[pools.run[0].course : pools.run[0].course + N_COURSE]
-    before, best, best_length, length, last = course[SIZE], np.inf, 1.0, 1.0, 1.0
+    before = course[SIZE]
+    best = np.inf
+    best_length = 1.0
+    length = 1.0
+    last = 1.0
     for _ in range(HALVINGS + 1):
         last = length
         try_length(pools, length)

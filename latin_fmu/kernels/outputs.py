@@ -56,7 +56,9 @@ def count_iterations(pools: Any, call: int) -> None:
 def keep_outputs(pools: Any, row: int, j: int, made: int) -> None:
     """Outputs after a time step of the call, ``row``, which is j of the communication step and ``made`` since the
     start."""
-    run, moving, progress = pools.run[0], pools.moving, pools.run[0].progress
+    run = pools.run[0]
+    moving = pools.moving
+    progress = pools.run[0].progress
     gather(pools, row)
     at = run.output + row * run.n_output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0
@@ -106,7 +108,9 @@ def set_means(pools: Any, row: int, signals: Array, outputs: Array) -> None:
 @kernel
 def set_signals(pools: Any, row: int) -> None:
     """Gather the signals of a row."""
-    run, at, n = pools.run[0], pools.run[0].signal, pools.run[0].n_flat
+    run = pools.run[0]
+    at = pools.run[0].signal
+    n = pools.run[0].n_flat
     move(pools, run.history_f + row * n, at, n)
     move(pools, run.history_w + row * n, at + n, n)
     move(pools, run.history_gap + row * run.n_point, at + 2 * n, run.n_point)
@@ -133,7 +137,9 @@ def summarise(pools: Any, row: int, summary: Any, outputs: Array) -> None:
     run, moving = pools.run[0], pools.moving
     group = pools.groups[summary[OF_GROUP]]
     gaps, smallest = run.history_gap + row * run.n_point + group.first_point, np.inf
-    closed, stuck, slipping = 0.0, 0.0, 0.0
+    closed = 0.0
+    stuck = 0.0
+    slipping = 0.0
     for p in range(summary[BEGIN], summary[END]):
         smallest = min(smallest, moving[gaps + p])
         status = status_at(pools, row, summary[OF_GROUP], p)
@@ -148,7 +154,9 @@ def summarise(pools: Any, row: int, summary: Any, outputs: Array) -> None:
 @kernel
 def set_energies(pools: Any, row: int, energies: Array) -> None:
     """The ``ENERGIES`` of a row, J."""
-    run, moving, progress = pools.run[0], pools.moving, pools.run[0].progress
+    run = pools.run[0]
+    moving = pools.moving
+    progress = pools.run[0].progress
     energies[:] = 0.0
     for c in range(len(pools.classes)):
         of = pools.classes[c]
@@ -167,7 +175,9 @@ def set_energies(pools: Any, row: int, energies: Array) -> None:
 @kernel
 def friction_power(pools: Any, row: int) -> float:
     """Power dissipated by friction at the instant of a row, W."""
-    run, moving, power = pools.run[0], pools.moving, 0.0
+    run = pools.run[0]
+    moving = pools.moving
+    power = 0.0
     f, w = run.history_f + row * run.n_flat, run.history_w + row * run.n_flat
     for g in range(len(pools.groups)):
         group = pools.groups[g]
@@ -220,7 +230,9 @@ def set_ratios(pools: Any, row: int) -> None:
     add_matrix(pools, n, run.shear_starts, run.shear_columns, run.shear_values, 1, signals, shear)
     for i in range(run.n_interface):
         normal = moving[run.output + row * run.n_output + summary_of(pools, i)[PRESSING]]
-        x, y, z = shear[3 * i], shear[3 * i + 1], shear[3 * i + 2]
+        x = shear[3 * i]
+        y = shear[3 * i + 1]
+        z = shear[3 * i + 2]
         ratio = np.sqrt(x * x + y * y + z * z) / normal if normal > 0.0 else 0.0
         moving[run.friction_ratio + row * run.n_interface + i] = ratio
 
@@ -228,7 +240,9 @@ def set_ratios(pools: Any, row: int) -> None:
 @kernel
 def follow_events(pools: Any, row: int, made: int) -> None:
     """Counts and instants of touches, separations and slips in the time step that ends at a row."""
-    run, moving, dt = pools.run[0], pools.moving, pools.run[0].dt
+    run = pools.run[0]
+    moving = pools.moving
+    dt = pools.run[0].dt
     set_ratios(pools, row)
     new = run.output + row * run.n_output
     # counts and instants go on from the row before
@@ -272,7 +286,9 @@ def time_of(way: float, speed: float) -> float:
 @kernel
 def time_to_touch(pools: Any, row: int, summary: Any) -> float:
     """Time from the instant before a row until the first of the points that touch there has no gap."""
-    run, moving, group = pools.run[0], pools.moving, pools.groups[summary[OF_GROUP]]
+    run = pools.run[0]
+    moving = pools.moving
+    group = pools.groups[summary[OF_GROUP]]
     gaps = run.history_gap + (row - 1) * run.n_point + group.first_point
     first = run.history_w + (row - 1) * run.n_flat + group.start
     second, least = first + group.n_point * group.n_component, np.inf

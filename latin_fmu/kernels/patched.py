@@ -56,7 +56,9 @@ def project(size: int, rank: int, basis: Any, x: Array, out: Array) -> None:
 @kernel
 def patched_product(header: Any, numbers: Any, x: Array, out: Array, scratch: Array) -> None:
     """out (n,) = A x in the precision of scratch (4 n,); ``header`` and ``numbers`` as ``Patches`` has them."""
-    count, n, rank = header[0], header[1], header[2]
+    count = header[0]
+    n = header[1]
+    rank = header[2]
     first, ranks = header[3 : 4 + count], header[4 + count : 4 + 2 * count]
     order = header[4 + 2 * count : 4 + 2 * count + n]
     placed, answer = scratch[:n], scratch[n : 2 * n]
@@ -90,7 +92,9 @@ def patched_product(header: Any, numbers: Any, x: Array, out: Array, scratch: Ar
 def patched_norms(header: Any, numbers: Any, x: Array, pairs: int, scratch: Array, sums: Array) -> None:
     """x_0 A x_0, x_1 A x_1 and x_1 A x_0 of pairs of rows x_0, x_1 of x (2 pairs, n), into ``sums`` (3 pairs,), in the
     precision of scratch (4 pairs n,). Each patch is taken for all pairs while it is in the cache."""
-    count, n, rank = header[0], header[1], header[2]
+    count = header[0]
+    n = header[1]
+    rank = header[2]
     first, ranks = header[3 : 4 + count], header[4 + count : 4 + 2 * count]
     order = header[4 + 2 * count : 4 + 2 * count + n]
     placed, shares = scratch[: 2 * pairs * n], scratch[2 * pairs * n : 2 * pairs * (n + rank)]

@@ -29,7 +29,9 @@ Array = NDArray[np.float64]
 
 ORDER, KEPT = 6, 7
 """Changes that fit the last one; changes kept, with that."""
-WORST, EXACT, GROWTH = 0.3, 1e-10, 2.0
+WORST = 0.3
+EXACT = 1e-10
+GROWTH = 2.0
 """Misfit above which the tractions are expected to stay as they are; square of the least one, below it is round-off;
 length of the expected change over that of the last one above which they are, too: after changes of round-off the first
 large one is fitted by these with any coefficients."""
@@ -112,7 +114,9 @@ def _fitted(pools: Any, x: Array) -> float:
         for b in range(ORDER):
             gram[a * ORDER + b] = products[(a + 1) * KEPT + b + 1]
     least_squares(gram, ORDER, right, ORDER, scratch[ORDER * (ORDER + 1) :], x)
-    whole, left, length = products[0], products[0], 0.0
+    whole = products[0]
+    left = products[0]
+    length = 0.0
     for a in range(ORDER):
         left -= 2.0 * x[a] * right[a]
         for b in range(ORDER):

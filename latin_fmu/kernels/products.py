@@ -36,13 +36,19 @@ def half_product(
     reflection: its diagonal and strict lower triangle in compressed rows. Up to three rows with the same columns are
     taken ``together``, as those of a node are: what they share is read and written once, in the order of the rows."""
     # indices counted from 0 need no test for negative ones
-    begin, middle, own_x, own_out = starts[low : high + 1], diagonal[low:high], x[low:high], out[low:high]
+    begin = starts[low : high + 1]
+    middle = diagonal[low:high]
+    own_x = x[low:high]
+    own_out = out[low:high]
     i, rows = 0, high - low
     while i < rows:
         # a node may be cut by the end of the part
         count = min(int(together[low + i]), rows - i)
         column, first = columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]]
-        n, x0, own0, t0 = len(column), own_x[i], factor * own_x[i], middle[i] * own_x[i]
+        n = len(column)
+        x0 = own_x[i]
+        own0 = factor * own_x[i]
+        t0 = middle[i] * own_x[i]
         if count == 1:
             for e in range(n):
                 t0 += first[e] * x[column[e]]
@@ -130,7 +136,9 @@ def packed_product(n: int, a: Any, x: Array, out: Array) -> None:
     at, i = 0, 0
     while i + 2 <= n:
         first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]  # rows i and i + 1
-        corner, below, last = a[at + i], a[at + 2 * i + 1], a[at + 2 * i + 2]
+        corner = a[at + i]
+        below = a[at + 2 * i + 1]
+        last = a[at + 2 * i + 2]
         x0, x1 = x[i], x[i + 1]
         t0, t1 = corner * x0 + below * x1, below * x0 + last * x1
         known, into = x[:i], out[:i]
@@ -195,7 +203,10 @@ def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scr
 def two_norms(n: int, a: Any, x: Array) -> tuple[float, float, float]:
     """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``)."""
     x0, x1 = x[:n], x[n : 2 * n]
-    first, second, cross, at = 0.0, 0.0, 0.0, 0
+    first = 0.0
+    second = 0.0
+    cross = 0.0
+    at = 0
     for i in range(n):
         line = a[at : at + i]
         t0 = t1 = 0.0
@@ -254,8 +265,14 @@ def _sparse_row(columns: Any, values: Array, x: Array, out: Array) -> None:
         s5 += v * row[5]
         s6 += v * row[6]
         s7 += v * row[7]
-    out[0], out[1], out[2], out[3] = s0, s1, s2, s3
-    out[4], out[5], out[6], out[7] = s4, s5, s6, s7
+    out[0] = s0
+    out[1] = s1
+    out[2] = s2
+    out[3] = s3
+    out[4] = s4
+    out[5] = s5
+    out[6] = s6
+    out[7] = s7
 
 
 @kernel
@@ -284,7 +301,9 @@ def sparse_rows(
 ) -> None:
     """Rows from ``low`` to ``high`` of ``sparse_product`` for the tile that begins with the member ``first``; row (8,)
     is scratch."""
-    lanes, begin, into = min(m - first, LANES), starts[low : high + 1], out[low * m + first :]
+    lanes = min(m - first, LANES)
+    begin = starts[low : high + 1]
+    into = out[low * m + first :]
     for i in range(high - low):
         _sparse_row(columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]], tile, row)
         for j in range(lanes):

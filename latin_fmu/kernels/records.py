@@ -35,7 +35,9 @@ from . import sparse_response, sums
 
 Field = tuple[str, str]  # name, meaning with shape, pool and unit
 
-DIRECT, EXPLICIT, STATIC = 0, 1, 2
+DIRECT = 0
+EXPLICIT = 1
+STATIC = 2
 """Kinds of motion of a class: implicit (a reduced body is one), central differences, without inertia."""
 STRENGTH, OF_ELONGATION, OF_MOTION, HALF_RATIO = range(4)
 """Rows of ``branches`` and ``relaxing``: g, c_e, c_u and h of each."""

@@ -97,7 +97,9 @@ def multiply(points: int, width: int, starts: Any, runs: Any, values: Any, x: Ar
 @kernel
 def add_response(pools: Any, c: int, force: Array, answer: Array) -> None:
     """Add the table of Y times forces (c, m) on the channels, times the gain in them, to ``answer`` (c, m)."""
-    row, work, m = pools.classes[c], pools.moving, pools.classes[c].m
+    row = pools.classes[c]
+    work = pools.moving
+    m = pools.classes[c].m
     size = row.y_points * row.y_width
     places = pools.fixed_int[row.y_places : row.y_places + size]
     starts = pools.fixed_int[row.y_starts : row.y_starts + row.y_points + 1]
@@ -117,11 +119,21 @@ def add_response(pools: Any, c: int, force: Array, answer: Array) -> None:
 def add_table_norms(pools: Any, c: int, i: int, part: int, gain: float) -> None:
     """Add x C x of the nodal forces and of their half residuals at instant i of the window, between normal (``part`` 0)
     or tangential channels (1), to ``class_norms``."""
-    row, run, work, m = pools.classes[c], pools.run[0], pools.moving, pools.classes[c].m
-    points, width, places_at, starts_at = row.normal_points, row.normal_width, row.normal_places, row.normal_starts
-    runs_at, values_at, entries = row.normal_runs, row.normal_values, row.normal_entries
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    m = pools.classes[c].m
+    points = row.normal_points
+    width = row.normal_width
+    places_at = row.normal_places
+    starts_at = row.normal_starts
+    runs_at = row.normal_runs
+    values_at = row.normal_values
+    entries = row.normal_entries
     if part == 1:
-        points, width, places_at = row.tangential_points, row.tangential_width, row.tangential_places
+        points = row.tangential_points
+        width = row.tangential_width
+        places_at = row.tangential_places
         starts_at, runs_at = row.tangential_starts, row.tangential_runs
         values_at, entries = row.tangential_values, row.tangential_entries
     if points == 0:

@@ -95,7 +95,9 @@ def sweep(
 ) -> None:
     """Forward or backward substitution through the supernodes from ``low`` to ``high``, in place, of one vector or tile
     at ``at``; ``tile`` : place of scratch."""
-    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
+    row = pools.classes[c]
+    work = pools.moving
+    numbers = pools.fixed_int
     n = row.n
     first = numbers[row.first + low : row.first + high + 1]
     row_start = numbers[row.row_start + low : row.row_start + high + 1]
@@ -145,7 +147,9 @@ def substitute(pools: Any, c: int, at: int, with_k: bool, backwards: bool, whole
     one after the other or in tiles from TILED members on. ``with_k``: with the factor that has the dashpots k. Not
     ``whole``: for the face alone."""
     row = pools.classes[c]
-    n, m, levels = row.n, row.m, row.n_level
+    n = row.n
+    m = row.m
+    levels = row.n_level
     width = 1 if m < TILED else LANES
     # three flags in one number, as a task has so many arguments
     ways = 4 * (1 if with_k else 0) + 2 * (1 if backwards else 0) + (1 if whole else 0)
@@ -185,7 +189,9 @@ def _forward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, wh
     """Forward substitution through the piece p, task t of its level."""
     row, work = pools.classes[c], pools.moving
     width, into = 1 if row.m < TILED else LANES, _vector_of(pools, c, p, at)
-    cleared, children, ranges = _list(pools, c, p, CLEARED), _list(pools, c, p, CHILDREN), _list(pools, c, p, RANGES)
+    cleared = _list(pools, c, p, CLEARED)
+    children = _list(pools, c, p, CHILDREN)
+    ranges = _list(pools, c, p, RANGES)
     for e in range(len(cleared)):
         line = work[into + cleared[e] * width : into + (cleared[e] + 1) * width]
         line[:] = 0.0
@@ -311,7 +317,9 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
 
     Of one member four rows at a time, so that x and out are read once for them."""
     row = pools.classes[c]
-    n, m, begun = row.n, row.m, count - count % 4 if row.m == 1 else 0
+    n = row.n
+    m = row.m
+    begun = count - count % 4 if row.m == 1 else 0
     for p in range(0, begun, 4):
         first, second = pools.fixed[rows + p * n : rows + (p + 1) * n], pools.fixed[rows + (p + 1) * n :]
         third, fourth = pools.fixed[rows + (p + 2) * n :], pools.fixed[rows + (p + 3) * n :]
@@ -322,7 +330,10 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
             t1 += second[i] * value
             t2 += third[i] * value
             t3 += fourth[i] * value
-        t0, t1, t2, t3 = factor * t0, factor * t1, factor * t2, factor * t3
+        t0 = factor * t0
+        t1 = factor * t1
+        t2 = factor * t2
+        t3 = factor * t3
         for i in range(n):
             out[i] += (t0 * first[i] + t1 * second[i]) + (t2 * third[i] + t3 * fourth[i])
     for p in range(begun, count):
@@ -354,7 +365,9 @@ def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Ar
         half_product(0, n, diagonal, together, starts, columns, values, factor, x, out)
         return
     # places instead of arrays: tasks of other threads have numbers for arguments
-    source, into, m = place_in(work, x), place_in(work, out), row.m
+    source = place_in(work, x)
+    into = place_in(work, out)
+    m = row.m
     if m > 1 and row.n_piece == 0:
         each_leaf(pools, tiles(m), PRODUCT, c, which, source, into, factor)
         return
@@ -399,11 +412,9 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
         line, out = tile[n * LANES : (n + 1) * LANES], work[into : into + n * m]
         sparse_rows(0, n, starts, columns, values, factor, m, t * LANES, tile, out, line)
         return
-    low, high, least = (
-        pools.fixed_int[parts_at + 3 * t],
-        pools.fixed_int[parts_at + 3 * t + 1],
-        pools.fixed_int[parts_at + 3 * t + 2],
-    )
+    low = pools.fixed_int[parts_at + 3 * t]
+    high = pools.fixed_int[parts_at + 3 * t + 1]
+    least = pools.fixed_int[parts_at + 3 * t + 2]
     if m == 1:
         at = into if t == 0 else row.piece_work + (t - 1) * n
         out = work[at : at + n]
@@ -434,8 +445,13 @@ def dense(pools: Any, c: int, n: int, matrix: Array, plain: int, m: int, x: Arra
 @kernel
 def _dense_part(pools: Any, c: int, t: int, table: int, source: int, into: int, sizes: int) -> None:
     """The t-th vector or tile of ``dense``; ``sizes`` : m + n MOST."""
-    row, work, n, m = pools.classes[c], pools.moving, sizes // MOST, sizes % MOST
-    at, x, out = tile_at(row, t), work[source : source + n * m], work[into : into + n * m]
+    row = pools.classes[c]
+    work = pools.moving
+    n = sizes // MOST
+    m = sizes % MOST
+    at = tile_at(row, t)
+    x = work[source : source + n * m]
+    out = work[into : into + n * m]
     if m >= TILED:
         matrix = pools.fixed[table : table + n * n]
         dense_tile(n, matrix, m, t * LANES, x, out, work[at : at + (n + SPARE) * LANES])

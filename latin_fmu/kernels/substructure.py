@@ -147,8 +147,12 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 def free_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels under the reference tractions, from the interface part of the half solution in
     ``inner``."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    m = row.m
+    n_inner = row.n_inner
+    size = row.n_channel * row.m
     inner, reached = (
         work[row.inner : row.inner + n_inner * m],
         work[row.inner_answer : row.inner_answer + n_inner * m],
@@ -187,7 +191,9 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
 def on_inverse(pools: Any, c: int, forces: Array, out: Array) -> None:
     """out (g, m) = S^-1 forces: accelerations of the interface dofs of a class whose interface dofs are last."""
     row = pools.classes[c]
-    m, n_inner, at = row.m, row.n_inner, row.schur_inverse
+    m = row.m
+    n_inner = row.n_inner
+    at = row.schur_inverse
     if row.patched == 1:
         header = pools.fixed_int[row.inverse_header :]
         patched_product(header, pools.fixed_single[at:], forces, out, tile_of(row, pools.moving))
@@ -200,7 +206,10 @@ def on_inverse(pools: Any, c: int, forces: Array, out: Array) -> None:
 def channel_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels in ``w_free`` from the accelerations of the interface dofs in ``free_a``; not without
     inertia."""
-    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
     m, n_inner = row.m, row.n_inner
     reached, free_a = (
         work[row.inner_answer : row.inner_answer + n_inner * m],
@@ -210,7 +219,10 @@ def channel_velocity(pools: Any, c: int, instant: int) -> None:
     dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
-    of_old, of_u, of_v, gain = run.w_u_old, run.w_u, run.w_v, run.interface_gain
+    of_old = run.w_u_old
+    of_u = run.w_u
+    of_v = run.w_v
+    gain = run.interface_gain
     for i in range(n_inner):
         for j in range(m):
             at, own = dofs[i] * m + j, i * m + j
@@ -230,7 +242,9 @@ def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> i
     is taken again where its q has changed by no more than a hundredth of the tolerance since then, in the norm of the
     error indicator divided by the number of classes.
     """
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     m, size = row.m, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
     q = work[run.q + row_of_window * run.n_flat : run.q + (row_of_window + 1) * run.n_flat]
@@ -264,7 +278,9 @@ def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> i
 def change_of(pools: Any, c: int, i: int) -> float:
     """Change of q of a class at instant i of the window since its last solution there, in the squared norm of the error
     indicator."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     size, change = row.n_channel * row.m, 0.0
     channels = pools.fixed_int[row.channels : row.channels + size]
     weights = pools.fixed[run.weights : run.weights + run.n_flat]
@@ -308,7 +324,9 @@ def add_condensed(pools: Any, c: int, incoming: Array, w: Array) -> None:
     if row.swept == 1:
         swept_response(pools, c, incoming, w)
         return
-    m, n_live, plain = row.m, row.n_live, row.plain_response
+    m = row.m
+    n_live = row.n_live
+    plain = row.plain_response
     channels = pools.fixed_int[row.channels : row.channels + row.n_channel * m]
     live, answer = pools.fixed_int[row.live : row.live + n_live], work[row.answer : row.answer + n_live * m]
     for i in range(n_live):  # in ascending order
@@ -335,7 +353,9 @@ def add_condensed(pools: Any, c: int, incoming: Array, w: Array) -> None:
 @kernel
 def add_change(pools: Any, c: int) -> None:
     """Add Y area q to W of one instant at the channels of the class."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     incoming = work[row.channel : row.channel + row.n_channel * row.m]
     for i in range(row.n_channel):
         for j in range(row.m):
@@ -367,7 +387,9 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
 def solve_under_tractions(pools: Any, c: int, instant: int) -> None:
     """Solution at the end of the instant under the tractions of the local stage, in ``load``, of a class with a table
     of Y. These tractions become the reference, with their exact velocities in ``w_free``."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     m = row.m
     f_hat = work[run.local_f : run.local_f + run.n_flat]
     work[row.ended] = 1.0 if interface_load(pools, c, f_hat) else 0.0
@@ -384,7 +406,9 @@ def solve_under_tractions(pools: Any, c: int, instant: int) -> None:
 def end_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels at the end of the instant, into ``w_free``, from the solution in ``load``; before
     ``advance``, as W may depend on the old displacements."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     m, n_inner = row.m, row.n_inner
     # ``load`` holds the solution here
     for i in range(n_inner):
@@ -405,13 +429,19 @@ def end_velocity(pools: Any, c: int, instant: int) -> None:
 def interface_load(pools: Any, c: int, flat: Array) -> bool:
     """Interface values of the solution in ``inner_answer``, or, where the interface dofs are not kept for last, the
     forward substitution of the forces on them added to ``half_solution``; False where the class stays at rest."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    m = row.m
+    n_inner = row.n_inner
+    size = row.n_channel * row.m
     channels, area = (
         pools.fixed_int[row.channels : row.channels + size],
         pools.fixed[row.area : row.area + row.n_channel],
     )
-    nodal, largest, n_channel = work[row.channel : row.channel + size], 0.0, row.n_channel
+    nodal = work[row.channel : row.channel + size]
+    largest = 0.0
+    n_channel = row.n_channel
     for i in range(n_channel):
         for j in range(m):
             now = flat[channels[i * m + j]]
@@ -464,10 +494,18 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
 def advance(pools: Any, c: int, instant: int) -> None:
     """Motion at the end of the instant from the solution in ``load``: accelerations (STATIC: displacements of the
     increment). ``w_free`` holds the velocities of the channels then."""
-    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
     m, size = row.m, row.n * row.m
-    dt, late, gain_u, gain_v = run.dt, run.u_late, run.displacement_gain, run.velocity_gain
-    u, v, a = state[row.u : row.u + size], state[row.v : row.v + size], state[row.a : row.a + size]
+    dt = run.dt
+    late = run.u_late
+    gain_u = run.displacement_gain
+    gain_v = run.velocity_gain
+    u = state[row.u : row.u + size]
+    v = state[row.v : row.v + size]
+    a = state[row.a : row.a + size]
     u_free, v_free = work[row.u_free : row.u_free + size], work[row.v_free : row.v_free + size]
     solved = work[row.load : row.load + size]
     state[row.rest] = 0.0
@@ -478,7 +516,9 @@ def advance(pools: Any, c: int, instant: int) -> None:
             v[i] = solved[i] / dt
         return
     if run.one_step == 1.0 and row.accounted == 1 and row.loads_only == 0:
-        weighted, old, new = work[row.weighted_v : row.weighted_v + size], run.force_old, run.force_weight
+        weighted = work[row.weighted_v : row.weighted_v + size]
+        old = run.force_old
+        new = run.force_weight
         for i in range(size):
             weighted[i] = old * v[i] + new * (v_free[i] + gain_v * solved[i])
     leave_instant(pools, c)
@@ -515,13 +555,18 @@ def advance(pools: Any, c: int, instant: int) -> None:
 @kernel
 def keep_memory(pools: Any, c: int, instant: int) -> None:
     """``residual`` for the next instant, and M a."""
-    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    state = pools.moving
     size = row.n * row.m
     a, residual = state[row.a : row.a + size], state[row.residual : row.residual + size]
     mass_a = work[row.mass_a : row.mass_a + size]
     mass_a[:] = 0.0
     add_product(pools, c, MASS, 1.0, a, mass_a)
-    memory, weight, old = run.memory_weight, run.force_weight, run.force_old
+    memory = run.memory_weight
+    weight = run.force_weight
+    old = run.force_old
     if old != 0.0:
         constant, mass_old = work[row.constant : row.constant + size], run.mass_old
         # what the next instant takes of this one, each with its weight

@@ -32,7 +32,10 @@ from .local_stage import finish, open_window, outgoing, prepare
 from .newton import SIZE, admit_residual, full_step, propose
 from .tasks import END, PREDICT, each_class
 
-_MOST, _ENOUGH, _ALLOWED, _BY_PRODUCTS = 40, 1e-13, 1e-9, 1e-5
+_MOST = 40
+_ENOUGH = 1e-13
+_ALLOWED = 1e-9
+_BY_PRODUCTS = 1e-5
 """Steps of an instant; residual over the incoming quantity that ends them; the largest one of a solution, and without
 matrix: products reduce it no further where bonded faces have more points than the coarser mesh can follow, so that
 tractions are not unique (1.5e-6 at the thread of a screw; derivatives of forces and motions agree with runs)."""

@@ -121,8 +121,13 @@ def _work(pools: Any, ticket: int, thread: int) -> None:
     """Do tasks of a region until none is left."""
     numbers = pools.moving_int
     at = pools.run[0].team + ARGUMENTS + LINE * (ticket % 2)
-    n, action, c, a = numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3]
-    b, d, factor = numbers[at + 4], numbers[at + 5], pools.moving[at + 6]
+    n = numbers[at]
+    action = numbers[at + 1]
+    c = numbers[at + 2]
+    a = numbers[at + 3]
+    b = numbers[at + 4]
+    d = numbers[at + 5]
+    factor = pools.moving[at + 6]
     # each thread begins at its own part of the tasks, the same in every region
     home = n * thread // pools.run[0].threads
     order = pools.run[0].order
@@ -153,7 +158,9 @@ def end_class(pools: Any, c: int, instant: int) -> None:
     """End an instant solved as a window of its own for one class: motion, energies, probed velocities, displacements of
     its channels. The tractions of the local stage act, so that action equals reaction to round-off; a class without
     inertia takes the incoming quantity q, which determines the position of a floating body."""
-    run, work, row = pools.run[0], pools.moving, pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    row = pools.classes[c]
     flat = work[run.local_f : run.local_f + run.n_flat]
     incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat  # position of a floating body
     marched = commit(pools, c, instant, incoming)
@@ -184,7 +191,9 @@ def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: boo
 def end_class_of_window(pools: Any, c: int, instant: int, i: int) -> None:
     """March a class over instant i of a window with the accepted q; energies and probes. The tractions of the linear
     stage act: their dashpots k keep the two sides of an interface together."""
-    run, work, row = pools.run[0], pools.moving, pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    row = pools.classes[c]
     n = run.n_flat
     q, w = work[run.q + i * n : run.q + (i + 1) * n], work[run.w + i * n : run.w + (i + 1) * n]
     f = work[run.f + i * n : run.f + (i + 1) * n]
@@ -210,7 +219,9 @@ def stride_of(window: int) -> int:
 @kernel
 def first_changed(pools: Any, c: int, window: int) -> int:
     """First instant of the window whose q requires a new solution of the class; ``window`` where none does."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
     if work[row.known] == 0.0 or run.reuse < 0.0:
         return 0
     change = 0.0
@@ -227,8 +238,12 @@ def first_changed(pools: Any, c: int, window: int) -> int:
 def march_window(pools: Any, c: int, window: int, first: int) -> int:
     """W of the class for the q of the window, from the first instant on whose q has changed; substructure-instants
     marched."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    n, size, stride = run.n_flat, row.n_channel * row.m, stride_of(window)
+    row = pools.classes[c]
+    run = pools.run[0]
+    work = pools.moving
+    n = run.n_flat
+    size = row.n_channel * row.m
+    stride = stride_of(window)
     channels = pools.fixed_int[row.channels : row.channels + size]
     changed, marched = first_changed(pools, c, window), 0
     # not marched: W of the last iterate holds

@@ -23,7 +23,12 @@ from ..compiled import kernel, lazy_intrinsic
 
 LINE: Final = 8
 """Numbers in a line of the cache: arrays begin on one."""
-TICKET, DONE, DISMISSED, ARGUMENTS, OPENED, MARKS = 0, LINE, 2 * LINE, 3 * LINE, 5 * LINE, 6 * LINE
+TICKET = 0
+DONE = LINE
+DISMISSED = 2 * LINE
+ARGUMENTS = 3 * LINE
+OPENED = 5 * LINE
+MARKS = 6 * LINE
 """Places of the numbers of the team."""
 PATIENCE: Final = 4000
 """Reads of a number before a waiting thread yields its core."""
@@ -141,7 +146,10 @@ def open_region(pools: Any, n: int, action: int, c: int, a: int, b: int, d: int,
     ticket = numbers[team + TICKET] + 1
     # a thread that is late may still read those of the region before
     at = team + ARGUMENTS + LINE * (ticket % 2)
-    numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3] = n, action, c, a
+    numbers[at] = n
+    numbers[at + 1] = action
+    numbers[at + 2] = c
+    numbers[at + 3] = a
     numbers[at + 4], numbers[at + 5] = b, d
     pools.moving[at + 6] = factor
     numbers[team + OPENED] += n
@@ -173,7 +181,9 @@ def end_task(pools: Any) -> None:
 @kernel
 def close_region(pools: Any) -> None:
     """Wait until all tasks are done."""
-    team, numbers, looks = pools.run[0].team, pools.moving_int, 0
+    team = pools.run[0].team
+    numbers = pools.moving_int
+    looks = 0
     # counts of all regions so far, never set back: no thread can be a region behind
     while read_shared(numbers, team + DONE) < numbers[team + OPENED]:
         looks += 1
@@ -184,7 +194,9 @@ def close_region(pools: Any) -> None:
 @kernel
 def next_ticket(pools: Any, last: int) -> int:
     """Ticket of the next region after ``last``, as soon as there is one; 0 where the threads are dismissed."""
-    team, numbers, looks = pools.run[0].team, pools.moving_int, 0
+    team = pools.run[0].team
+    numbers = pools.moving_int
+    looks = 0
     while True:
         ticket = read_shared(numbers, team + TICKET)
         if ticket > last:

@@ -59,7 +59,9 @@ def precondition(pools: Any, y: Array, inverse: Array, out: Array) -> None:
     nodal = work[run.tied_vector : run.tied_vector + size]
     dashpot, area = pools.fixed[run.tied_dashpot : run.tied_dashpot + n], pools.fixed[run.area : run.area + n]
     unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
-    x[:], v[:], nodal[:] = 0.0, 0.0, 0.0
+    x[:] = 0.0
+    v[:] = 0.0
+    nodal[:] = 0.0
     for p in range(run.n_place):
         group = pools.groups[pools.fixed_int[run.point_group + p]]
         first, second = channels_of(pools, p)

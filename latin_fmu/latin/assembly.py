@@ -180,7 +180,9 @@ class Ground:
             for i, unit in enumerate(interfaces)
             if unit.against_ground
         }
-        self._n_flat, self._static, self._dt = layout.n_flat, static, 0.0
+        self._n_flat = layout.n_flat
+        self._static = static
+        self._dt = 0.0
         self.start = {i: GroundState(np.zeros(3), None) for i in self._frames}
         self.velocity, self.travel = dict[int, Array](), dict[int, Array]()
 
@@ -295,7 +297,9 @@ class Assembly:
         scheme: TimeScheme,
     ) -> None:
         self.propagators, self.channels = list(propagators), list(channels)
-        self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
+        self.interfaces = list(interfaces)
+        self.layout = layout
+        self.scheme = scheme
         self.quasi_static = isinstance(scheme, QuasiStatic)  # there is no inertia
         self._impedance = impedance
         self.characteristic_traction = characteristic_traction

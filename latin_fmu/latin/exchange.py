@@ -26,7 +26,9 @@ class Exchange:
     """
 
     def __init__(self, part: Part, image: Image, direction: Direction) -> None:
-        self.part, self.processes, self._image = part, part.processes, image
+        self.part = part
+        self.processes = part.processes
+        self._image = image
         run, gathering = image.run_fields, self.processes.gathering
         width, owned = run["part_width"], list(map(len, part.owned))
         own, every = (image.field(name, n * width) for name, n in (("own_parts", part.n_owned), ("parts", sum(owned))))
@@ -61,7 +63,9 @@ class Exchange:
         """Exchange messages of n fields with the neighbours."""
         if n not in self._neighbours:
             # outbox and inbox hold the messages of all neighbours one behind the other
-            messages, at, start = [], 0, 0
+            messages = []
+            at = 0
+            start = 0
             for rank, given, taken in self.part.neighbours:
                 end, last = at + n * len(given), start + n * len(taken)
                 messages.append((rank, self._field("outbox", at, end), self._field("inbox", start, last)))

@@ -34,7 +34,9 @@ class InterfaceRows:
     """
 
     def __init__(self, assembly: Assembly, table: Array, every: int = 1) -> None:
-        self._assembly, self.table, self.every = assembly, table, every
+        self._assembly = assembly
+        self.table = table
+        self.every = every
         n, layout = assembly.layout.n_flat, assembly.layout
         self.f_hat, self.w_hat = table[:, :n], table[:, n : 2 * n]
         self.gaps: dict[int, Array] = {}
@@ -141,7 +143,9 @@ class InterfaceStream:
     """
 
     def __init__(self, assembly: Assembly, file: BinaryIO, every: int, peak_duration: float | None) -> None:
-        self._assembly, self._file, self.every = assembly, file, every
+        self._assembly = assembly
+        self._file = file
+        self.every = every
         self._width, self._peak_duration = InterfaceRows.width_of(assembly), peak_duration
         self._next = InterfaceRows(assembly, np.zeros((0, self._width)), every)
         self.n_row = 0
@@ -233,7 +237,9 @@ def point_fields(
     unit, group = assembly.interfaces[index], assembly.layout.group(index)
     points = group.members[index]
     f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
-    behaviour, geometry, status = unit.behaviour, unit.geometry, None
+    behaviour = unit.behaviour
+    geometry = unit.geometry
+    status = None
     in_global_axes = geometry.global_axes[behaviour.n_component]
     traction, velocity = in_global_axes(f_hat), in_global_axes(w_hat)
     if slide is not None:
@@ -273,7 +279,9 @@ def interface_history(
     points = group.members[index]
     traction, velocity, gap, status = point_fields(assembly, index, f_hat, w_hat, gap, slide)
     f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
-    behaviour, geometry, parameters = unit.behaviour, unit.geometry, group.parameters[points]
+    behaviour = unit.behaviour
+    geometry = unit.geometry
+    parameters = group.parameters[points]
     friction_power = joint_power = None
     if behaviour.opens and behaviour.n_component > 1:
         density = np.zeros(f_hat.shape[:-1])

@@ -142,8 +142,12 @@ class Part:
     def direction(self, whole: Direction) -> Direction:
         """The search direction of the part, from that of the whole assembly."""
         own, picked = copy.copy(whole), self.channels
-        own.assembly, own.parent, own.own_coarse = self.assembly, whole, self.coarse
-        own.k, own.z, own.metric = whole.k[picked], whole.z[picked], whole.metric[picked]
+        own.assembly = self.assembly
+        own.parent = whole
+        own.own_coarse = self.coarse
+        own.k = whole.k[picked]
+        own.z = whole.z[picked]
+        own.metric = whole.metric[picked]
         own.weights, own.newton_z = whole.weights[:, picked], whole.newton_z[picked]
         own.relative = self.relative(whole.relative)
         return own

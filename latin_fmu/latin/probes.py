@@ -290,13 +290,17 @@ class Probes:
 
     def __init__(self, assembly: Assembly, sliding: Sequence[int], request: OutputRequest, whole: bool = False) -> None:
         self.slide = SlideProbes(assembly, sliding)
-        self._propagators, self._request, self.whole = assembly.propagators, request, whole
+        self._propagators = assembly.propagators
+        self._request = request
+        self.whole = whole
         self.places: dict[str, dict[str, ProbePlace]] = {key: {} for key in SERIES}
         self.massless: set[str] = set()
         self.rows: list[sp.csr_array | None] = []
         self._nodes: list[int] = []
         for c, propagator in enumerate(assembly.propagators):
-            model, at, parts = propagator.members[0], 0, dict[int, slice]()
+            model = propagator.members[0]
+            at = 0
+            parts = dict[int, slice]()
             blocks = []
             for key in SERIES:
                 for name, place in request.places(key).items():

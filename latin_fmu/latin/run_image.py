@@ -74,7 +74,9 @@ def make_image(
     more : further fields of the record of the run. part : of the assembly that this process holds, ``assembly`` being
         that of the part.
     """
-    layout, static, depth = assembly.layout, assembly.quasi_static, settings.anderson_depth
+    layout = assembly.layout
+    static = assembly.quasi_static
+    depth = settings.anderson_depth
     sides = [[assembly.layout.channels(i, side) for side in (0, 1)] for i in range(len(assembly.interfaces))]
     # channels of a side are one range of the flat vector: its first, and their number
     segments = [(first.flat[0], second.flat[0], first.size) for first, second in sides]
@@ -206,7 +208,9 @@ def still(assembly: Assembly) -> bool:
 def histories(assembly: Assembly, whole: Assembly | None = None) -> dict[str, Array]:
     """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads; ``whole`` : the
     assembly that this one is a part of."""
-    scheme, dt, n_time = assembly.scheme, assembly.dt, len(assembly.time)
+    scheme = assembly.scheme
+    dt = assembly.dt
+    n_time = len(assembly.time)
     share = continuation(assembly if whole is None else whole)
     if assembly.ground.rests:
         rest = np.zeros((n_time, len(assembly.ground.channels)))
@@ -237,7 +241,9 @@ def continuation(assembly: Assembly) -> Array:
     n_time = len(assembly.time)
     if not assembly.quasi_static:
         return np.ones(n_time)
-    along, size, change = np.zeros(n_time), np.zeros(n_time), np.zeros(n_time)
+    along = np.zeros(n_time)
+    size = np.zeros(n_time)
+    change = np.zeros(n_time)
     for propagator in assembly.propagators:
         before = last = propagator.forcing.at(0)
         for t in range(1, n_time):
@@ -324,7 +330,9 @@ class LawsInPython:
 
     def _differentiate(self, g: int, *_: int) -> None:
         """Derivative of the law of a group by its free velocities, by one difference per component."""
-        group, jump, every = self._groups[g], self._jump(g).copy(), slice(None)
+        group = self._groups[g]
+        jump = self._jump(g).copy()
+        every = slice(None)
         derivative = self._image.group_field(g, "tangent", group.n_point, 3, 3)
         derivative[...] = 0.0
         base, step = self._tractions(g, jump, every), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
@@ -338,7 +346,10 @@ class Stages:
     """The stages of one window of ``n`` instants that starts with instant ``first``, on the image of a run."""
 
     def __init__(self, image: Image, direction: Direction, n: int, first: int) -> None:
-        self.image, self.direction, self.n, self.first = image, direction, n, first
+        self.image = image
+        self.direction = direction
+        self.n = n
+        self.first = first
         self._groups = direction.assembly.layout.groups
 
     def of(self, direction: Direction) -> Stages:
@@ -394,7 +405,9 @@ class Stages:
     def bonded(self, bonds: PerfectInterfaceSolve) -> Array:
         """q (n_flat,) of the solution where all interfaces are perfect."""
         self.free_motion()
-        free, k, made_up = self.image.field("w", self.image.n_flat), self.direction.k, self.made_up()
+        free = self.image.field("w", self.image.n_flat)
+        k = self.direction.k
+        made_up = self.made_up()
         return bonds.guess(free + made_up, k) - k * made_up
 
     def made_up(self) -> Array:

@@ -43,7 +43,9 @@ from .search_direction import Direction
 from .settings import SolverSettings
 from .status import ROUND_OFF, Account, WindowList, allowed_work, round_off, status, with_energy, with_work
 
-ONE, LONG, EXACT = 1, 2, 3
+ONE = 1
+LONG = 2
+EXACT = 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
 SAMPLED = 64  # instants between two samples of the states, wherever the calls of the kernels end
 
@@ -311,7 +313,9 @@ class RunState(RunImage):
         self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
         self.marched = self.condensed = 0
         self._team = Team(self.image, self.settings.threads)
-        self.refusals, self._per_instant, self._refused = 0, 0.0, False
+        self.refusals = 0
+        self._per_instant = 0.0
+        self._refused = False
         self._still = still(assembly)
         self._clear()
         self._begin_recording(accounts=True)
@@ -484,7 +488,9 @@ class SharedStages(Stages):
     def points_one_by_one(self, f_hat: Array) -> None:
         """Set q of one instant by the solution point by point of the whole assembly, which all processes repeat."""
         self.free_motion()
-        image, exchange, whole = self.image, self._exchange, self.direction.whole
+        image = self.image
+        exchange = self._exchange
+        whole = self.direction.whole
         reach = np.zeros(image.n_flat)
         for g, group in enumerate(self._groups):
             # one field for all groups: at the places of side E

@@ -224,7 +224,9 @@ class Direction:
     own_coarse: Callable[[CoarseProblem], CoarseProblem] | None = None
 
     def __init__(self, assembly: Assembly, settings: SolverSettings, n: int) -> None:
-        self.assembly, self._settings, self._n = assembly, settings, n
+        self.assembly = assembly
+        self._settings = settings
+        self._n = n
         self.k, self.choice = channel_k(assembly, settings.search_direction, n)
         self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)
         self.metric = assembly.layout.area * self.z
@@ -419,7 +421,10 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
     """
     layout, owner = assembly.layout, assembly.owners()
     order, low, high = ordered_blocks(assembly, owner[0])
-    groups, numbers, sizes, unknowns = [], [], [0], []
+    groups = []
+    numbers = []
+    sizes = [0]
+    unknowns = []
     for i in order:
         # points of an interface among those of its group
         group = layout.group(i)
@@ -449,7 +454,9 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
 
 # time of a number of a table in a product, of a channel in the local stage and the measures, of an entry of the matrix
 # that is assembled, of a multiplication of its factorisation, all over the first
-_CHANNEL, _ENTRY, _FLOP = 40.0, 25.0, 0.15
+_CHANNEL = 40.0
+_ENTRY = 25.0
+_FLOP = 0.15
 _ACTIVE = 0.5  # share of the unknowns that are active, of which the price is reckoned
 
 

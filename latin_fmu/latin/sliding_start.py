@@ -32,7 +32,10 @@ from .run_image import Stages
 LARGEST: Final = 1500
 """Relative motions up to which it is made: the matrix is dense."""
 _ROUNDS: Final = 40
-_ITERATIONS, _DEPTH, _STEPS = 60, 8, 25  # of a round
+# of a round
+_ITERATIONS = 60
+_DEPTH = 8
+_STEPS = 25
 _CLOSER: Final = 1e-2  # than the tolerance of the run
 _ROUND_OFF: Final = 1e-12
 _SOFTEST: Final = 1e-5  # of the springs of the search direction
@@ -135,7 +138,9 @@ class SlidingStart:
     def _iterated(self, enough: float) -> float:
         """A few iterations with acceleration; the residual at their end."""
         scale = np.sqrt(self._area * self._z)
-        qs, rests, error = list[Array](), list[Array](), np.inf
+        qs = list[Array]()
+        rests = list[Array]()
+        error = np.inf
         for _ in range(_ITERATIONS):
             _, _, apart, error = self._look(self.q)
             if not error > enough:

@@ -38,7 +38,9 @@ from .sliding_start import sliding_start, suits
 from .status import BALANCED
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "point by point"
-SOFTENED, FROM_REST, SLIDING = "softened start", "start from rest", "Newton's method on all relative motions"
+SOFTENED = "softened start"
+FROM_REST = "start from rest"
+SLIDING = "Newton's method on all relative motions"
 COLD = "default first guess"  # where that of other runs does not converge
 _AFTER_POINTS = 20  # iterations after the solution point by point
 
@@ -82,12 +84,17 @@ class WindowSolver:
         fallbacks: bool = True,
     ) -> None:
         self._fallbacks = fallbacks
-        self._settings, self._observer, self._progress, self._trial = settings, observer, progress, trial
+        self._settings = settings
+        self._observer = observer
+        self._progress = progress
+        self._trial = trial
 
     def solve_by_tables(self, stages: Stages, record: WindowRecord, number: int) -> bool:
         """Solve one instant as ``kernels.instants.march_instants`` does where tables of Y are taken; whether they end
         it."""
-        begin, verdict, image = 0, CORRECTED, stages.image
+        begin = 0
+        verdict = CORRECTED
+        image = stages.image
         while verdict == CORRECTED:
             self.solve(stages, record, number, begin)
             if not record.converged or record.fallbacks:
@@ -106,7 +113,10 @@ class WindowSolver:
         """Iterate from the q of the image, with ``begin`` iterations made before in this window under another
         reference; fills ``record`` and returns the accepted (else the best) iterate, which is the last one of the image
         then."""
-        settings, used, kept, bits = self._settings, list[str](), list[Iterate](), 0
+        settings = self._settings
+        used = list[str]()
+        kept = list[Iterate]()
+        bits = 0
 
         def look(_: int, verdict: int, __: int) -> None:
             nonlocal bits
@@ -119,7 +129,9 @@ class WindowSolver:
             record.newton_steps = stages.newton_steps()
             self._report(number, record, stages)
 
-        limit, phase, start = settings.max_iterations, begin, begin
+        limit = settings.max_iterations
+        phase = begin
+        start = begin
         try:
             while True:
                 stages.accelerate(settings, relaxed=used[-1:] == [RELAXED], again=bool(used))
@@ -234,7 +246,9 @@ MOST_REFUSALS = 3
 HOPELESS = 0.5
 # After so many windows in a row that no fall-back has brought to converge, an instant takes so many iterations at most
 # and no fall-back, but for one in so many: an instant that does not converge costs at most fifty that do, in the mean.
-_FAILURES, _AGAIN, _ONCE_IN = 2, 24, 32
+_FAILURES = 2
+_AGAIN = 24
+_ONCE_IN = 32
 
 Progress = Callable[[int, int, int, float], None]
 """Windows done, windows, iteration, indicator."""
@@ -370,7 +384,9 @@ class WindowRun(RunState, ABC):
 
     def _end_window(self, stages: Stages, record: WindowRecord) -> None:
         """Move the substructures to the end of the window and record its fields."""
-        image, n, first = self.image, stages.n, stages.first
+        image = self.image
+        n = stages.n
+        first = stages.first
         scales = image.field("scales", 3).copy()
         image.call(entries.LEAVE, n)
         if not record.converged:
@@ -394,7 +410,9 @@ class WindowRun(RunState, ABC):
 
     def _march_accepted(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the window with the accepted iterate; ``after(i)`` is called at its instants."""
-        image, n, first = self.image, stages.n, stages.first
+        image = self.image
+        n = stages.n
+        first = stages.first
         for i in range(n):
             image.call(entries.END, first + i, i, n)
             stages.ended()
@@ -405,7 +423,9 @@ class WindowRun(RunState, ABC):
         """March the linear stage of the last iterate, and restore the state before it."""
         image = self.image
         # the whole block: work of the iteration is needed again, too
-        kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
+        kept = image.moving.copy()
+        begun = self.assembly.instant
+        row = int(image.run[0]["first_row"])
         # one instant leaves the state at its start; a long window has marched it to its end
         if stages.n > 1:
             image.call(entries.LEAVE)
@@ -425,7 +445,9 @@ class WindowRun(RunState, ABC):
             self._set_instant(instant)
             self._sample()
             self._record_instant(0)
-        record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
+        record.error_indicator = [0.0]
+        record.force_mismatch = [0.0]
+        record.converged = True
         self.windows.append(record)
 
     def _begin_anew(self, solver: WindowSolver, stages: Stages, record: WindowRecord, number: int) -> None:

@@ -365,7 +365,9 @@ class WindowList(Sequence[WindowRecord]):
         if at in self._records:
             return self._records[at]
         start, first, counts, defects, ends, *flat = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
-        row, instant, (count, steps, corrections) = at - start, first + at - start, counts[at - start].tolist()
+        row = at - start
+        instant = first + at - start
+        (count, steps, corrections) = counts[at - start].tolist()
         errors, residuals = (curve[ends[row] - count : ends[row]].tolist() for curve in flat)
         rest = 0.0, float(defects[row]), corrections
         return WindowRecord(instant, instant, errors, residuals, [], True, count - 1, steps, *rest)

@@ -119,7 +119,9 @@ class TangentRun(RunState):
     def _give(self, g: int, group: Group, first: int, rows: slice) -> None:
         """Write what the kernels take of the laws of a group at the instants from ``first`` on into rows of the
         image."""
-        image, p, h = self.image, group.n_point, group.n_component
+        image = self.image
+        p = group.n_point
+        h = group.n_component
         n, copies = rows.stop - rows.start, len(self._solved.changes)
         width = h if group.behaviour.elastic else 1
         slopes, sources, follows = (
@@ -144,7 +146,10 @@ class TangentRun(RunState):
     def _arguments(self, g: int, group: Group, first: int, n: int) -> tuple[tuple[Array, Array, Array, float], Array]:
         """Arguments of the law of a group (``laws.dispatch``) in the run at n instants, one after the other, and
         whether its tractions follow the gaps (n, n_point, width)."""
-        solved, image, p, h = self._solved, self.image, group.n_point, group.n_component
+        solved = self._solved
+        image = self.image
+        p = group.n_point
+        h = group.n_component
         instants, behaviour = slice(first, first + n), group.behaviour
         place = int(image.groups[g]["z_sum"])
         z = image.fixed[place : place + 2 * p].reshape(p, 2)
@@ -152,13 +157,17 @@ class TangentRun(RunState):
         jump = w[:, 1] - w[:, 0] + z[:, [0, 1, 1][:h]] * f
         gaps, run = solved.rows.gaps.get(g), image.run[0]
         if behaviour.elastic:
-            rate, reach, moves = float(run["layer_rate"]), np.zeros((n, p, h)), np.ones((n, p, h))
+            rate = float(run["layer_rate"])
+            reach = np.zeros((n, p, h))
+            moves = np.ones((n, p, h))
             if gaps is not None:
                 # the compression at the end of the instant, whatever reach and jump it is made of
                 jump[..., 0] = rate * gaps[instants] + z[:, 0] * f[..., 0]
                 moves[..., 1:] = 0.0
         else:
-            rate, reach, moves = float(1.0 / run["dt"]), np.zeros((n, p, 1)), np.zeros((n, p, 1))
+            rate = float(1.0 / run["dt"])
+            reach = np.zeros((n, p, 1))
+            moves = np.zeros((n, p, 1))
             if gaps is not None:
                 before, deepest = gaps[first - 1 : first + n - 1], -np.inf if solved.assembly.quasi_static else 0.0
                 reach[..., 0], moves[..., 0] = np.maximum(before, deepest) * rate, before >= deepest

@@ -31,7 +31,9 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
     """
     n_flat = assembly.layout.n_flat
     dashpot = np.divide(assembly.layout.area, softness, out=np.zeros(n_flat), where=softness > 0.0)
-    blocks, traces, known = [], [], 0
+    blocks = []
+    traces = []
+    known = 0
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         ops, model = propagator.operators, propagator.members[0]
         factors = operator_factors(model, assembly.scheme, assembly.dt)
@@ -73,7 +75,9 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
 
 def _jumps(assembly: Assembly) -> sp.csr_array:
     """Matrix (n_flat, n_flat) of the jumps of channels, in the rows of the first sides; the others have none."""
-    rows, columns, values = [NONE], [NONE], [np.zeros(0)]
+    rows = [NONE]
+    columns = [NONE]
+    values = [np.zeros(0)]
     for group in assembly.layout.groups:
         size = group.n_point * group.n_component
         first = np.arange(group.start, group.start + size)
@@ -87,7 +91,9 @@ def _jumps(assembly: Assembly) -> sp.csr_array:
 def _rank(assembly: Assembly, matrix: sp.csr_array, face: Index) -> Array | None:
     """Elimination order of the dofs by nested dissection of the nodes of all bodies; None where some have no nodes."""
     members = [m for p in assembly.propagators for m in p.members]
-    nodes, positions, start = [], [], 0
+    nodes = []
+    positions = []
+    start = 0
     for model in members:
         if model.positions is None:
             return None

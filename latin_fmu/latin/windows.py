@@ -93,7 +93,9 @@ class Run(WindowRun):
         part: Part | None = None,
     ) -> None:
         self._observer, self._progress = control.observer, control.progress
-        self._monitor, self._fields, self._max_cpu = control.monitor, control.fields, control.max_cpu
+        self._monitor = control.monitor
+        self._fields = control.fields
+        self._max_cpu = control.max_cpu
         self.interrupted = ""
         # CPU time of the set-up is spent already
         self._cpu_end = np.inf if self._max_cpu is None else clock.process_time() - timings.setup + self._max_cpu

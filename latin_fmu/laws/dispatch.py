@@ -138,7 +138,10 @@ def add_tangent(
     law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array, scratch: Array, out: Array
 ) -> None:
     """Add J = dF_hat / djump of a law at one point to ``out`` (h * h,), row after row; ``scratch`` (27,)."""
-    columns, rows, softness, h = scratch[:9], scratch[9:18], scratch[18:27], len(jump)
+    columns = scratch[:9]
+    rows = scratch[9:18]
+    softness = scratch[18:27]
+    h = len(jump)
     for i in range(tangent(law, jump, z, reach, rate, parameters, softness, 0.0, columns, rows, softness)):
         own = softness[4 * i] + (z[0] if rows[3 * i] != 0.0 else z[1])
         # 0: both sides are held

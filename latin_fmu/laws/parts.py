@@ -15,7 +15,9 @@ from ..compiled import kernel
 
 Array = NDArray[np.float64]
 
-SEPARATION, STICK, SLIP = 0, 1, 2
+SEPARATION = 0
+STICK = 1
+SLIP = 2
 ON_CONE: Final = 1 - 1e-10
 """A stuck point whose traction is this close to the cone counts as slipping."""
 AT_EDGE: Final = 1 + 1e-9

@@ -204,7 +204,9 @@ def _elgen(scope: Scope, _: Card, fields: list[str]) -> list[int]:
     master = _whole(fields[0])
     # number, step of nodes, step of elements; three times
     steps = _counted(fields[1:10], (1, 1, 1) * 3)
-    counts, of_nodes, of_elements = steps[::3], steps[1::3], steps[2::3]
+    counts = steps[::3]
+    of_nodes = steps[1::3]
+    of_elements = steps[2::3]
     if min(counts) < 1 or math.prod(counts) > _MOST:
         raise _RefusedError("the numbers of elements")
     kind, nodes = _element(scope, master)

@@ -36,7 +36,9 @@ _FORMS: Final[Mapping[str, tuple[list[int], list[int]]]] = {
 """Columns of a brick that a cell has: corners, and middle nodes in the order of VTK."""
 
 _HEADER: Final = 10  # numbers before the nodes of an element: material, type, real constant, ..., element number
-_MATERIAL, _TYPE, _NUMBER = 0, 1, 8
+_MATERIAL = 0
+_TYPE = 1
+_NUMBER = 8
 
 
 def is_archive(start: bytes) -> bool:
@@ -121,7 +123,9 @@ class _Archive:
     """Elements of an archive sorted by what they are."""
 
     def __init__(self, path: Path, archive: Any, labels: Index, points: Array) -> None:
-        self.path, self.archive, self.labels = path, archive, labels
+        self.path = path
+        self.archive = archive
+        self.labels = labels
         self.points: list[Array] = [points]
         self.n_point = len(self.labels)
         self.types = {int(key): int(number) for key, number in np.asarray(archive.ekey).reshape(-1, 2).tolist()}

@@ -131,7 +131,9 @@ class _Tables:
     """The tables of a scene while they are made."""
 
     def __init__(self, raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, str], scale: float) -> None:
-        self.content, self.parts, self.scale = content, parts, scale
+        self.content = content
+        self.parts = parts
+        self.scale = scale
         self.nodes = {part: content.nodes_of(group) for group, part in parts.items()}
         self.masses: dict[str, Any] = {}
         self.couplings: dict[str, Any] = {}

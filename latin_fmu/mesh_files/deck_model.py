@@ -210,7 +210,9 @@ class DeckModel:
                 still = len(rest) < 2 or not rest[1] or float(rest[1].upper().replace("D", "E")) == 0.0
                 components = _AXES[low - 1 : min(high, 3)] if 1 <= low <= high <= 6 else ""
         except ValueError:
-            name, components, still = "", "", False
+            name = ""
+            components = ""
+            still = False
         if still and components:
             self.supports.append(HeldSet(name, components, line))
             return

@@ -99,7 +99,9 @@ class _Numbers:
     """Numbers of a section one after the other, as text or binary."""
 
     def __init__(self, data: bytes, binary: bool) -> None:
-        self.data, self.binary, self.at = data, binary, 0
+        self.data = data
+        self.binary = binary
+        self.at = 0
         self.values = np.zeros(0) if binary else _numbers_of(data)
 
     def take(self, count: int, kind: str) -> Any:
@@ -122,7 +124,9 @@ class _Numbers:
 
     def equal_rows(self, most: int, width: int, kind: int, n_tag: int) -> int:
         """How many rows of a text from here on have this type and this number of tags."""
-        most, rows, size = min(most, (len(self.values) - self.at) // width), 0, 64
+        most = min(most, (len(self.values) - self.at) // width)
+        rows = 0
+        size = 64
         while rows < most:
             size = min(2 * size, most - rows)
             start = self.at + rows * width

@@ -72,7 +72,10 @@ class _UnreadableError(ValueError):
 
     def __init__(self, what: str, value: str | None = None, allowed: str | None = None, remedy: str | None = None):
         super().__init__(what)
-        self.what, self.value, self.allowed, self.remedy = what, value, allowed, remedy
+        self.what = what
+        self.value = value
+        self.allowed = allowed
+        self.remedy = remedy
 
 
 def _guarded(read: Callable[[str], MeshContent], path: Path) -> MeshContent:

@@ -67,7 +67,9 @@ class Skipped:
     @staticmethod
     def of_card(card: Card, name: str) -> Skipped:
         """The elements of an *ELEMENT card; a line that ends with a comma goes on."""
-        count, nodes, first = 0, [], True
+        count = 0
+        nodes = []
+        first = True
         for i, fields in card.tokens():
             numbers = [int(f) for f in fields if f.isascii() and f.isdigit() and len(f) < 19]
             count += first

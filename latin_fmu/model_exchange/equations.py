@@ -33,7 +33,9 @@ from ..latin.state_serialization import decode, encode
 from ..scene.laws import CsvLaw, HalfSineLaw, InputLaw, Law, RectangularPulseLaw, StepLaw, TableLaw, TimeLaw
 
 Array = NDArray[np.float64]
-STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelocity"
+STIFFNESS = "contactStiffness"
+DAMPING = "contactDamping"
+SLIDING = "slidingVelocity"
 EVENTS = "model.events"
 WORKS: Final = ("work_of_loads", "interface_work", "friction_dissipation", "contact_dissipation", "damping_dissipation")
 """Energies that are states, in the order of the states."""
@@ -353,7 +355,9 @@ class Equations:
     def evaluate(self, t: float, y: Array, modes: ContactModes, given: GivenLoads) -> Evaluation:
         """Derivative of the states and what the outputs need of it; ``given`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
-        x, v, area = y[:n], y[n : 2 * n], s.contacts.area
+        x = y[:n]
+        v = y[n : 2 * n]
+        area = s.contacts.area
         motion, ground = self.motion(t, y, modes.segment)
         traction = self.law.traction(motion, modes)
         amplitudes = self.amplitudes.at(t, modes.segment, given)
@@ -377,7 +381,9 @@ class Equations:
 
     def _branches(self, v: Array, elongations: Array) -> tuple[Array, Array, float]:
         """Forces of the branches (n,), rates of their elongations, and the power that they dissipate."""
-        forces, rates, power = np.zeros(self.system.n), v[self._of_branch], 0.0
+        forces = np.zeros(self.system.n)
+        rates = v[self._of_branch]
+        power = 0.0
         for branch, part in self._parts(elongations):
             own, places = elongations[part], self._of_branch[part]
             pulled = branch.stiffness @ own

@@ -256,7 +256,9 @@ class ReducedModelInstance:
         variables = self.variables
         variables.set_state(state["variables"])
         variables.time, variables.since = state["time"], state["since"]
-        self.y, self.events, self.phase = state["y"], state["events"], state["phase"]
+        self.y = state["y"]
+        self.events = state["events"]
+        self.phase = state["phase"]
         self.modes = ContactModes(state["closed"], state["sticking"], state["segment"])
         self.equations.use(variables.regularisation())
         self._changed()

@@ -370,7 +370,9 @@ def branches_of(bodies: Sequence[ReducedBody], units: Sequence[InterfaceUnit]) -
     bonds = [unit for unit in units if is_bond(unit)]
     made = []
     for branches in dict.fromkeys(m.branches for b in bodies for m in b.body.members.values() if len(m.branches)):
-        places, blocks, rows = [], [], []
+        places = []
+        blocks = []
+        rows = []
         for i, b in enumerate(bodies):
             own = {name: m for name, m in b.body.members.items() if m.branches == branches}
             if not own:

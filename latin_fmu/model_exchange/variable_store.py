@@ -12,7 +12,9 @@ from ..cosim.variable import Variable
 from ..errors import InputError, LatinError, Problem
 from ..latin.outcome import Array
 
-WARNING, DISCARD, ERROR = 1, 2, 3
+WARNING = 1
+DISCARD = 2
+ERROR = 3
 """Levels of a message: the status codes of the FMI."""
 
 Log = Callable[[int, str], None]

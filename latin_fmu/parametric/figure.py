@@ -150,7 +150,10 @@ def _map(axis: Axes, values: list[np.ndarray], numbers: np.ndarray, states: np.n
     """One map over two parameters; points that failed or did not converge are crosses."""
     x, y = _places(axis.xaxis, values[0]), _places(axis.yaxis, values[1])
     along, across = np.argsort(x), np.argsort(y)
-    x, y, numbers, states = x[along], y[across], numbers[along][:, across], states[along][:, across]
+    x = x[along]
+    y = y[across]
+    numbers = numbers[along][:, across]
+    states = states[along][:, across]
     # rows of ``numbers`` are those of the first parameter, which is drawn along x
     mesh = axis.pcolormesh(x, y, np.ma.masked_invalid(numbers.T), shading="nearest", cmap=SEQUENTIAL)
     axis.figure.colorbar(mesh, ax=axis)

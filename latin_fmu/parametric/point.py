@@ -199,7 +199,9 @@ def in_scene_units(parameters: Sequence[Parameter], tables: Mapping[str, Any]) -
     ------
     InputError : texts that are no values of their keys; the same value twice.
     """
-    system, problems, made = system_named(tables.get("units")), list[Problem](), []
+    system = system_named(tables.get("units"))
+    problems = list[Problem]()
+    made = []
     for p in parameters:
         values = []
         for value in p.values:
@@ -371,7 +373,9 @@ def to_and_fro(shape: Sequence[int]) -> Iterator[Index]:
         yield from ((*outer, i) for i in (inner if count % 2 == 0 else reversed(inner)))
 
 
-CONVERGED, NOT_CONVERGED, FAILED = 0, 1, 2
+CONVERGED = 0
+NOT_CONVERGED = 1
+FAILED = 2
 STATES: Final = ("converged", "not_converged", "failed")
 """States of a point, by number."""
 

@@ -92,7 +92,9 @@ class Store:
     """
 
     def __init__(self, output: Path, grid: Grid, digest: str) -> None:
-        self.folder, self._grid, self._digest = Path(f"{output}.points"), grid, digest
+        self.folder = Path(f"{output}.points")
+        self._grid = grid
+        self._digest = digest
 
     def begin(self) -> dict[Index, Record]:
         """Make the folder, or read the records of the points in it.
@@ -232,7 +234,9 @@ def solved_points(
     records = {} if store is None else store.begin()
     if log is not None and records:
         log(f"{len(records)} of {len(grid.order)} points were done before")
-    before, begun, again = len(records), clock.monotonic(), False
+    before = len(records)
+    begun = clock.monotonic()
+    again = False
 
     def keep(point: Index, record: Record, lost: bool) -> None:
         nonlocal again

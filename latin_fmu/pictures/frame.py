@@ -33,7 +33,10 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
     from matplotlib.collections import PolyCollection
 
     size = max(float(np.ptp(np.concatenate([s.points for s in skins]), axis=0).max()), 1e-300)
-    corners, colours, depths, widths = [], [], [], []
+    corners = []
+    colours = []
+    depths = []
+    widths = []
     for skin in skins:
         # facets that are turned away are hidden by others of the same closed skin
         front = np.flatnonzero(skin.normals() @ view.viewer > 0)

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_WIDTH, _ROW, _COLUMNS = 4.2, 0.24, 2  # inches
+# inches
+_WIDTH = 4.2
+_ROW = 0.24
+_COLUMNS = 2
 _LEAST: Final = 1e-4  # relative change below which a quantity has no panel
 _MOST: Final = 4  # interfaces, sensors and bolts that are drawn, those with the largest values
 

@@ -300,12 +300,16 @@ def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     each the component with the largest value."""
     sensors, panels = datasets_of(tree, "sensors"), []
     for motion, choices in (("acceleration", ("acceleration_filtered", "acceleration")), ("displacement", None)):
-        curves, unit, time = {}, "", np.zeros(0)
+        curves = {}
+        unit = ""
+        time = np.zeros(0)
         for name, dataset in sensors.items():
             stored = [choice for choice in choices or ("displacement",) if choice in dataset]
             if not stored or (choices is None and "acceleration" in dataset):
                 continue
-            values, unit, time = dataset[stored[0]].values, unit_of(dataset[stored[0]], ""), dataset["time"].values
+            values = dataset[stored[0]].values
+            unit = unit_of(dataset[stored[0]], "")
+            time = dataset["time"].values
             axis = int(np.abs(values).max(axis=0).argmax())
             how = {"acceleration_filtered": ", behind its filter", "acceleration": ", unfiltered"}.get(stored[0], "")
             curves[f"{name}, along {'xyz'[axis]}{how}"] = values[:, axis]
@@ -349,9 +353,13 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     """Tension of the bolts, with what each has lost at the end of the run."""
     if not (bolts := datasets_of(tree, "bolts")):
         return []
-    curves, unit, time = {}, "N", np.zeros(0)
+    curves = {}
+    unit = "N"
+    time = np.zeros(0)
     for name, dataset in bolts.items():
-        tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
+        tension = dataset["force"].values
+        unit = unit_of(dataset["force"], "N")
+        time = dataset["time"].values
         last = float(dataset["end_force"])
         # the mean of the last periods where it oscillates
         words = " at the end" if last == tension[-1] else " by the mean at the end"

@@ -124,7 +124,9 @@ class ClassState:
         row = self.image.row(self.number)
         if not row.get("on_face"):
             return None
-        g, k, count = row["n_inner"], row["n_elastic"], row["n_relaxing"]
+        g = row["n_inner"]
+        k = row["n_elastic"]
+        count = row["n_relaxing"]
         return self.part("face_state", 4 * g + (1 + count) * k + 2 * count * g + row["n_inertial"])
 
     def put_on_face(self, forces: Array) -> None:
@@ -161,7 +163,9 @@ class ClassState:
     def attach(self, image: Image, number: int) -> None:
         """Move the motion into an image, as its class ``number``."""
         # before ``stand_in``, which lets go of the place where they are
-        own, account, elongation = self.fields, self.account, self.elongation
+        own = self.fields
+        account = self.account
+        elongation = self.elongation
         elongation = None if elongation is None else elongation.copy()
         face = None if self.face is None else self.face.copy()
         self.stand_in(image, number)
@@ -177,7 +181,9 @@ class ClassState:
 
     def stand_in(self, image: Image, number: int) -> None:
         """Take the motion that stands in an image, as its class ``number``."""
-        self.image, self.number, self._own = image, number, {}
+        self.image = image
+        self.number = number
+        self._own = {}
 
     def detach(self) -> None:
         """Keep a copy of the motion: the image belongs to other operators."""
@@ -227,7 +233,9 @@ class Propagator(ABC):
     ) -> None:
         self.members = list(members)
         self.names = [m.name for m in members]
-        self.scheme, self.energy, self.swept = scheme, energy, members[0].swept
+        self.scheme = scheme
+        self.energy = energy
+        self.swept = members[0].swept
         self.loads_only = False  # of the energies the work of the loads alone is followed
         self.forcing = Forcing(members, scheme)
         self._kept: list[tuple[float, Any]] = [] if kept is None else kept
@@ -265,7 +273,10 @@ class Propagator(ABC):
         what gives Y may be float32, the factor of a swept class or a large table."""
         if np.array_equal(k, self.k[:, 0]) and single == self.single:
             return
-        self.k, self.single, self.tables, self._condensed = k[:, None], single, {}, None
+        self.k = k[:, None]
+        self.single = single
+        self.tables = {}
+        self._condensed = None
 
     @property
     def condensed(self) -> Any:
@@ -370,7 +381,9 @@ class Propagator(ABC):
 
 def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
     """Initial displacements and velocities; accelerations come with ``start``."""
-    members, forcing, shape = propagator.members, propagator.forcing, (propagator.n_dof, len(propagator.members))
+    members = propagator.members
+    forcing = propagator.forcing
+    shape = (propagator.n_dof, len(propagator.members))
     if not any(m.displacement.any() or m.velocity.any() for m in members) and not forcing.moves:
         return np.zeros(shape), np.zeros(shape)
     p = members[0].expansion
@@ -382,7 +395,9 @@ def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
 
 def _start_on_face(propagator: Propagator) -> None:
     """State of the march on a stiffness of the face, from the motion at the start."""
-    face, dofs, state = propagator.members[0].face, propagator.operators.dofs, propagator.state
+    face = propagator.members[0].face
+    dofs = propagator.operators.dofs
+    state = propagator.state
     if face is not None:
         place, speed = state.u[dofs, 0], state.v[dofs, 0]
         force = face.matrix @ place

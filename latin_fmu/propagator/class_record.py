@@ -125,8 +125,12 @@ def put_symmetric(block: BlockLayout, row: Row, name: str, matrix: sp.csr_array 
         lambda data: lower_values(*pattern, matrix.data, data[values : values + count], data[diagonal : diagonal + n])
     )
     # places in numbers of 32 bits
-    row[f"{name}_rows"], row[f"{name}_starts"], row[f"{name}_columns"] = n, starts, 2 * columns
-    row[f"{name}_values"], row[f"{name}_diagonal"], row[f"{name}_together"] = values, diagonal, 2 * together
+    row[f"{name}_rows"] = n
+    row[f"{name}_starts"] = starts
+    row[f"{name}_columns"] = 2 * columns
+    row[f"{name}_values"] = values
+    row[f"{name}_diagonal"] = diagonal
+    row[f"{name}_together"] = 2 * together
 
 
 def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int, int], data: Array) -> None:
@@ -323,7 +327,9 @@ def _put_traces(block: BlockLayout, row: Row, ops: Any) -> None:
 
 def _factor(block: BlockLayout, row: Row, factor: Any) -> None:
     """Arrays of the substitutions; a diagonal matrix has all dofs on the interface and no supernode."""
-    row["factored"], row["n_piece"], row["n_modal"] = 1, 0, 0
+    row["factored"] = 1
+    row["n_piece"] = 0
+    row["n_modal"] = 0
     if isinstance(factor, LowRankFactor):
         row["n_modal"] = len(factor.inside)
         row["modal_inside"], row["modal_edge"] = block.put(factor.inside), block.put(factor.edge)

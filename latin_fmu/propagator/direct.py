@@ -293,7 +293,9 @@ class DirectPropagator(Propagator):
         ops = self.operators
         if ops.with_dashpots is not None:
             return ops.with_dashpots(ops.area * k, "float32" if self.single else self.members[0].factor)
-        store, factor, dashpots = self.members[0].store, ops.factor, ops.area * k
+        store = self.members[0].store
+        factor = ops.factor
+        dashpots = ops.area * k
         name = store.name("dashpots", ops.trace, ops.gain, factor.schur, dashpots)
         made = store.remember(name, lambda: {"y": with_dashpots(ops.trace, ops.gain, factor.schur, dashpots)})
         return made["y"]

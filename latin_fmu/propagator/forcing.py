@@ -251,7 +251,10 @@ class _Motion:
     def begin(self, given: Array, kinds: Sequence[str], dt: float) -> None:
         """Histories from what drives the motions, (n_time, n_motion), of these kinds (``Histories``)."""
         forced, placed = (_numbers(kinds, kind) for kind in ("acceleration", "displacement"))
-        scheme, pushed, rates, v = self._scheme, given[:, forced], given[:, placed], given.copy()
+        scheme = self._scheme
+        pushed = given[:, forced]
+        rates = given[:, placed]
+        v = given.copy()
         if scheme.operator(dt)[0] == 0.0:
             # increments of load have the velocity of the step
             v[0, placed], v[1:, placed] = 0.0, rates[:-1]

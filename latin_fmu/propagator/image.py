@@ -433,10 +433,14 @@ def aside(image: Image, room: int) -> Iterator[None]:
     in the records, is as before after it."""
     kept = image.moving
     try:
-        image.moving, image._written, image._views = class_record.grown(kept, len(kept) + room), False, {}
+        image.moving = class_record.grown(kept, len(kept) + room)
+        image._written = False
+        image._views = {}
         yield
     finally:
-        image.moving, image._written, image._views = kept, False, {}
+        image.moving = kept
+        image._written = False
+        image._views = {}
 
 
 def take_marched(image: Image) -> tuple[int, int]:

@@ -277,7 +277,9 @@ def coloured(tree: cKDTree, positions: Array, distance: float) -> Index:
     pairs = tree.query_pairs(distance, output_type="ndarray")
     # the earlier neighbours of each point: pairs are i < j
     near = sp.csr_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 1], pairs[:, 0])), shape=(n, n))
-    starts, earlier, colour = near.indptr, near.indices, np.empty(n, dtype=np.int64)
+    starts = near.indptr
+    earlier = near.indices
+    colour = np.empty(n, dtype=np.int64)
     # one colour more than the most neighbours: some colour is always free
     taken = np.zeros(int(np.diff(starts).max(initial=0)) + 1, dtype=bool)
     for p in range(n):
@@ -294,7 +296,9 @@ def _in_runs(points: Points, i: Index, j: Index, blocks: Array, about: tuple[flo
     rows, columns = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
     both = np.concatenate([blocks, blocks[other].transpose(0, 2, 1)])
     order = np.lexsort((columns, rows))
-    rows, columns, both = rows[order], columns[order], both[order]
+    rows = rows[order]
+    columns = columns[order]
+    both = both[order]
     n, width = points.channels.shape
     begins = np.ones(len(rows), dtype=bool)
     begins[1:] = (np.diff(rows) != 0) | (np.diff(columns) != 1)

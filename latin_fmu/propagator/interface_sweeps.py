@@ -144,7 +144,9 @@ class InterfaceCompliance:
     def __init__(
         self, factor: CholeskyFactor, dofs: Index, trace: sp.csr_array, gain: float, pattern: DashpotPattern
     ) -> None:
-        self.factor, self._trace, self.gain = factor, trace, gain
+        self.factor = factor
+        self._trace = trace
+        self.gain = gain
 
         def diagonal() -> dict[str, Array]:
             inverse = factor.face_inverse(pattern.on_interface)[dofs][:, dofs]
@@ -173,7 +175,9 @@ class InterfaceCompliance:
         ``interface_matrices.resistance``."""
         moving = rows[self._diagonal[rows] > STILL * self._diagonal.max(initial=0.0)]
         x, rest = np.zeros(len(moving)), np.ones(len(moving))
-        direction, size, full = np.zeros(len(moving)), 0.0, np.zeros(len(self._diagonal))
+        direction = np.zeros(len(moving))
+        size = 0.0
+        full = np.zeros(len(self._diagonal))
         for _ in range(_MOST):
             # written so that NaN ends it
             if not np.linalg.norm(rest) > enough * np.sqrt(len(moving)):

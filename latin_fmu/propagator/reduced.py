@@ -94,7 +94,9 @@ class ReducedPropagator(Propagator):
     ) -> None:
         self._given = list(members)
         if twin is not None and _same_basis(twin._given, members):
-            reduced, self.n_mode, kept = twin.members, twin.n_mode, twin._kept
+            reduced = twin.members
+            self.n_mode = twin.n_mode
+            kept = twin._kept
         else:
             (reduced, self.n_mode), kept = reduced_members(members, n_mode), None
         super().__init__(reduced, scheme, dt, energy, kept)

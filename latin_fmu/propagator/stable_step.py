@@ -49,7 +49,9 @@ class StableStep:
     """
 
     def __init__(self, mass: Array, stiffness: sp.csr_array, lagged: sp.csr_array | None = None) -> None:
-        self._mass, self._stiffness, self._lagged = mass, stiffness, lagged
+        self._mass = mass
+        self._stiffness = stiffness
+        self._lagged = lagged
 
     def allows(self, dt: float) -> bool:
         """Whether a step is stable."""

@@ -37,7 +37,9 @@ class Vibration:
         shift: float | None = None,
         dense: int | None = None,
     ) -> None:
-        self.stiffness, self.mass, self._dense = stiffness, mass, DENSE if dense is None else dense
+        self.stiffness = stiffness
+        self.mass = mass
+        self._dense = DENSE if dense is None else dense
         self.shift = _SHIFT * stiffness.trace() / mass.trace() if shift is None else shift
         nothing = np.zeros(0, dtype=np.int64)
         self._factor = CholeskyFactor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)

@@ -232,7 +232,9 @@ PEAK_SHARE: Final = 0.1
 ROUND_OFF = 1e-9
 """A normal resultant below this share of the largest sum of area x |traction| is round-off, not contact."""
 
-_OPEN, _STICK, _SLIP = 0, 1, 2
+_OPEN = 0
+_STICK = 1
+_SLIP = 2
 
 
 @dataclass(frozen=True)
@@ -285,7 +287,9 @@ class Force:
 
     def _integral(self, t: Array) -> Array:
         """Integral from the first instant to the instants ``t``, N s, exact for linear pieces."""
-        a, b, step = self.value[:-1], self.value[1:], np.diff(self.time)
+        a = self.value[:-1]
+        b = self.value[1:]
+        step = np.diff(self.time)
         whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (a + b))])
         i, share = self._piece(t, "right")
         result: Array = whole[i] + step[i] * share * (a[i] + 0.5 * share * (b[i] - a[i]))

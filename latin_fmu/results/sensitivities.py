@@ -478,7 +478,9 @@ def _quantities(
     spectra: Mapping[str, tuple[ShockSpectrum, ShockSpectrum]],
 ) -> Iterator[QuantitySensitivity]:
     """Scalar quantities with their changes; ``spectra`` of the sensors, with their derivatives."""
-    time, n, activities = outcome.time, len(derivatives), list[_Activity]()
+    time = outcome.time
+    n = len(derivatives)
+    activities = list[_Activity]()
     for name, history in outcome.interfaces.items():
         ends = [
             [interface_scalars(_moved(history, d.interfaces[name], by), time) for by in (_STEP, -_STEP, CHECKED)]

@@ -285,7 +285,10 @@ def bolt_ends(outcome: Outcome) -> dict[str, TensionEnd]:
 def _turns(values: Array, least: float) -> list[int]:
     """Indices of the extremes, largest and smallest in turn, from each of which the values (n,) return by ``least``;
     the values at the start are none."""
-    turns, low, high, sense = list[int](), 0, 0, 0
+    turns = list[int]()
+    low = 0
+    high = 0
+    sense = 0
     for i, value in enumerate(values):
         low, high = i if value < values[low] else low, i if value > values[high] else high
         if sense >= 0 and values[high] - value >= least:

@@ -204,7 +204,9 @@ def _ramp_responses(t: Array, damping: float) -> tuple[Array, Array]:
         twice = (c / ((power + 1) * (power + 2))) @ (t ** (power[:, None] + 2))
     else:
         root = math.sqrt(1 - damping * damping)
-        decay, cosine, sine = np.exp(-damping * t), np.cos(root * t), np.sin(root * t) / root
+        decay = np.exp(-damping * t)
+        cosine = np.cos(root * t)
+        sine = np.sin(root * t) / root
         once = 1 - decay * (cosine + damping * sine)
         twice = t - 2 * damping + decay * (2 * damping * cosine + (2 * damping**2 - 1) * sine)
     return -twice, 2 * damping * once + twice
@@ -246,7 +248,9 @@ def _step_responses(angle: float, damping: float) -> tuple[float, float]:
         once = float((c / (power + 1)) @ angle ** (power + 1))
         return -once, once + 2 * damping * float(c @ angle**power)
     root = math.sqrt(1 - damping * damping)
-    decay, cosine, sine = math.exp(-damping * angle), math.cos(root * angle), math.sin(root * angle) / root
+    decay = math.exp(-damping * angle)
+    cosine = math.cos(root * angle)
+    sine = math.sin(root * angle) / root
     return -(1 - decay * (cosine + damping * sine)), 1 - decay * (cosine - damping * sine)
 
 

@@ -239,11 +239,15 @@ def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tupl
     last, (peak, duration, largest) = separation_time(fields), fields.peaks
     slip = _slip_text(history, fields, outcome.interface_time)
     # a bond holds by forces of all directions: those of a thread along its flanks, say
-    bonded, mean, impulse = history.contact_status is None, readable(duration, "s", 3), "-"
+    bonded = history.contact_status is None
+    mean = readable(duration, "s", 3)
+    impulse = "-"
     raw: float | None = largest
     if bonded or history.quasi_static:
         whole = np.linalg.norm(history.force(), axis=1) if bonded else np.abs(history.normal_resultant())
-        peak, mean, raw = float(whole.max(initial=0.0)), "-", None
+        peak = float(whole.max(initial=0.0))
+        mean = "-"
+        raw = None
     if not history.quasi_static:
         total = history.impulse(outcome.interface_time)[-1]
         impulse = readable_vector([float(x) for x in total], units.label("N s"))

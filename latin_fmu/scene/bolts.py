@@ -292,7 +292,9 @@ def _hardening_problems(raw: Any, where: str, bolt: RawTable, body: RawTable) ->
 
 def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
     """Sizes of a thread that contradict each other, or have no unit; a part that is the screw itself."""
-    named, diameter, thread = _named(table), number(table, "diameter"), table.get("thread")
+    named = _named(table)
+    diameter = number(table, "diameter")
+    thread = table.get("thread")
     if raw.get("units") == "none":
         for key in ("thread", "property_class"):
             if given(table, key) and (key != "thread" or named is not None):

@@ -167,7 +167,9 @@ def no_number(where: str, data: Mapping[str, Any], path: str) -> Problem:
 def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection[str]) -> str | None:
     """A TOML text with other numbers by their paths, everything else as it is written; None where one of them does not
     stand there as ``key = number`` or ``key = "number unit"``."""
-    lines, where, wanted = text.splitlines(keepends=True), key_lines(text), tomllib.loads(text)
+    lines = text.splitlines(keepends=True)
+    where = key_lines(text)
+    wanted = tomllib.loads(text)
     for path, number in numbers.items():
         line, key = line_of(where, path), path.rpartition(".")[2]
         if line is None:

@@ -228,7 +228,9 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
     """Refuse holes, and samples before t = 0, in one message."""
     steps = np.diff(times)
     median = float(np.median(steps))
-    found, values, remedies = [], [], []
+    found = []
+    values = []
+    remedies = []
     holes = np.flatnonzero(steps > _HOLE * median)
     if holes.size and len(times) >= FEWEST_SAMPLES and gaps == GAPS[0]:
         i = int(holes[0])

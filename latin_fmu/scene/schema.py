@@ -83,7 +83,9 @@ def toml_value(value: Any) -> str:
 
 
 _HEADING = "the scene cannot be used"
-BODY_FORCE, GRAVITY, TEMPERATURE = "body_force.", "gravity.acceleration", "temperature."
+BODY_FORCE = "body_force."
+GRAVITY = "gravity.acceleration"
+TEMPERATURE = "temperature."
 """Names in ``Scene.force_laws``: no load has a dot in its name."""
 
 

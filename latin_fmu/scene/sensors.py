@@ -191,7 +191,9 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
                 what = "a quasi-static run has no acceleration, and its time only orders the increments of load"
                 yield Problem(f"{where}.{key}", what, None, None, "remove it, or leave quasi_static out")
         return
-    end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
+    end = number(time, "end")
+    step = number(time, "step")
+    instants = number(time, "instants")
     step = end / instants if end is not None and step is None and instants is not None and instants > 0 else step
     if end is None or step is None or not 0 < step <= end:
         return

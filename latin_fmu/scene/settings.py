@@ -594,7 +594,9 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
     if not time:
         return
     yield from exactly_one(time, "time", "step", "instants")
-    end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
+    end = number(time, "end")
+    step = number(time, "step")
+    instants = number(time, "instants")
     if end is not None and instants is not None and end > 0.0 and instants > 0.0:
         yield from _length_problems("time.end", end, end / instants)
     if given(time, "instants") or end is None or step is None or end <= 0.0 or step <= 0.0:

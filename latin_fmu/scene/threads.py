@@ -70,7 +70,9 @@ def thread_named(text: str) -> ThreadSize | None:
         return ThreadSize(diameter, pitch, *_OF_METRIC) if 0.0 < pitch < 0.5 * diameter else None
     if (found := _UNIFIED.fullmatch(text)) is None:
         return None
-    size, count, series = found[1], int(found[2] or 0), found[3]
+    size = found[1]
+    count = int(found[2] or 0)
+    series = found[3]
     known = {name: table.get(size, 0) for name, table in (("UNC", _UNC), ("UNF", _UNF))}
     if series is not None:
         count = count or known[series]

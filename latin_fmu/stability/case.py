@@ -226,13 +226,17 @@ def mean_iterations(solution: Solution) -> float:
 def turns(force: Array, level: float) -> int:
     """How often a force turns back by more than ``level``."""
     # as if it rose before: a first fall counts as a turn
-    count, peak, rising = 0, float(force[0]), True
+    count = 0
+    peak = float(force[0])
+    rising = True
     for value in map(float, force[1:]):
         if (value - peak) * (1 if rising else -1) > 0:
             # the extreme moves on; a step back counts from it, however many instants it takes
             peak = value
         elif abs(value - peak) > level:
-            count, rising, peak = count + 1, not rising, value
+            count = count + 1
+            rising = not rising
+            peak = value
     return count
 
 
@@ -318,7 +322,9 @@ def penetration_bound(solution: Solution) -> float:
     sides agree to the force tolerance (1e-2) of their sum, at most twice the largest in the assembly.
     """
     # equal steps from 0: the second instant is the step
-    worst, step, span = 0.0, float(solution.time[1]), float(solution.time[-1])
+    worst = 0.0
+    step = float(solution.time[1])
+    span = float(solution.time[-1])
     fastest = max(float(np.abs(history.velocity).max()) for history in solution.interfaces.values())
     for history in solution.interfaces.values():
         if history.gap is None:

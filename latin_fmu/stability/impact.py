@@ -238,7 +238,9 @@ def _keeps(elements: int, bench: Bench) -> list[Measure]:
 
 def _landing(courant: float, scheme: dict[str, Any], bench: Bench) -> list[Measure]:
     """The bar thrown at 10 from 0.1 above the ground: force 300 for 2/3, worst of three landing phases."""
-    elements, peaks, gained = 40, [], []
+    elements = 40
+    peaks = []
+    gained = []
     step = courant / 3 / elements  # in transits of 10/40 at speed 30
     for phase in (0.1, 0.4, 0.9):
         # gap crossed at speed 10 after ``phase`` of a step

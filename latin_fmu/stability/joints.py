@@ -255,7 +255,9 @@ def _turns(spin: float, bench: Bench) -> list[Measure]:
 
 
 # -- friction at resonance -------------------------------------------------------------------------------------------
-CYCLES, PER_CYCLE, SLIDES = 5, 200, 0.3
+CYCLES = 5
+PER_CYCLE = 200
+SLIDES = 0.3
 
 
 def _oscillator(ratio: float, start: float) -> tuple[Description, float, float]:
@@ -386,7 +388,9 @@ def _front(scheme: str, bench: Bench) -> list[Measure]:
 
     solution = bench.converged(made())
     bonded = bench.converged(made(behaviour="perfect"), counted=False)
-    apart, late, off = 0.0, 0.0, 0.0
+    apart = 0.0
+    late = 0.0
+    off = 0.0
     for i in range(1, count):
         force, time = pressure_force(solution, f"i{i}"), solution.time
         missing = float(np.trapezoid(1.0 - force, time)) - i  # of the impulse: the delay of the front

@@ -199,7 +199,9 @@ SCHEMES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "newmark, gamma 0.7": {"type": "newmark", "beta": 0.36, "gamma": 0.7},
     }
 )
-_SPEED, _FORCE, _IMPULSE = 10.0, 300.0, 200.0
+_SPEED = 10.0
+_FORCE = 300.0
+_IMPULSE = 200.0
 _SCHEME_TABLE = """\
 ## Time schemes on impact
 

@@ -38,7 +38,9 @@ def typed_box(cell_type: str, origin: Array, size: Array, elements: tuple[int, i
         groups = [np.array(CELL_EDGES[corner])]
         if cell_type == "hexahedron27":
             groups += [np.array(HEX_FACES), np.arange(8)[None]]
-        parts, places, count = [cells], [nodes], len(nodes)
+        parts = [cells]
+        places = [nodes]
+        count = len(nodes)
         for group in groups:
             # an edge or face is known by its corners in ascending order: cells that share it get one node
             keys = np.sort(cells[:, group], axis=2).reshape(-1, group.shape[1])
@@ -52,7 +54,10 @@ def typed_box(cell_type: str, origin: Array, size: Array, elements: tuple[int, i
 
 
 def _box_faces(mesh: Mesh) -> dict[str, FacetSet]:
-    low, high, skin, faces = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0), boundary(mesh), {}
+    low = mesh.nodes.min(axis=0)
+    high = mesh.nodes.max(axis=0)
+    skin = boundary(mesh)
+    faces = {}
     for axis, letter in enumerate("xyz"):
         for end, value in (("min", low[axis]), ("max", high[axis])):
             # of the extent: nodes of a plane of the box have its coordinate but for round-off
@@ -223,7 +228,9 @@ def _slivers(aspect: float, flat: float, bench: Bench) -> list[Measure]:
 
 
 # -- curved faces ----------------------------------------------------------------------------------------------------
-INNER, MIDDLE, OUTER = 1.0, 2.0, 3.0
+INNER = 1.0
+MIDDLE = 2.0
+OUTER = 3.0
 
 
 def _shaft(cell: str, bench: Bench) -> list[Measure]:
