@@ -32,7 +32,6 @@ from .faces import (
     facet_change,
     nodal_values,
     shape,
-    slopes,
     triangle_quadrature,
     unit_normals,
 )
@@ -275,6 +274,9 @@ _INSIDE = 0.95  # such a share of the area in those facets that are covered at a
 _EQUAL = 1e-6  # shares, and relative distances, that differ by less are equal: round-off must not choose between them
 _NOTHING = 1e-6  # a covered share, or a share of the median area of points, that counts as none
 _AFFINE = 1e-9  # a quadrilateral this close to a parallelogram is one
+_BILINEAR = 0.25 * np.array([(1, 1, 1, 1), (-1, 1, 1, -1), (-1, -1, 1, 1), (1, -1, 1, -1)])
+"""Middle, slopes and twist of a quadrilateral from its corners."""
+_NEWTON_STEPS, _NEWTON_CLOSE = 12, 1e-14  # most steps, and the last change of a coordinate between -1 and 1
 _CURVED_DEGREE = 12  # of the quadrature where the functions are no polynomials in the plane
 
 
@@ -472,16 +474,28 @@ def _affine(corners: Array) -> bool:
 def _reference(at: Array, corners: Array, reference: Array) -> Array:
     """Coordinates in the facet (n_cell, n_gauss, 2) of places in the plane of a piece with these corners."""
     if corners.shape[1] == 3:
-        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        share = np.linalg.solve(edges[:, None], (at - corners[:, None, 0])[..., None])[..., 0]
+        edges = [corners[:, None, i] - corners[:, None, 0] for i in (1, 2)]
+        share = _components(edges[0], edges[1], at - corners[:, None, 0])
         spans = np.stack([reference[:, 1] - reference[:, 0], reference[:, 2] - reference[:, 0]], axis=1)
         return np.asarray(reference[:, None, 0] + share @ spans)
+    # the map of the quadrilateral is middle + x along + y across + x y twist
+    middle, along, across, twist = np.einsum("sk,cki->sci", _BILINEAR, corners)[:, :, None]
     local = np.zeros_like(at)
-    for _ in range(1 if _affine(corners) else 12):  # Newton; one step solves a parallelogram
-        slope = slopes("quad", local).swapaxes(-1, -2) @ corners[:, None]  # rows: along both coordinates
-        off = at - shape("quad", local) @ corners
-        local = local + np.asarray(np.linalg.solve(slope.swapaxes(-1, -2), off[..., None])[..., 0])
+    for _ in range(_NEWTON_STEPS):  # one step solves a parallelogram
+        x, y = local[..., :1], local[..., 1:]
+        step = _components(along + y * twist, across + x * twist, at - middle - x * along - y * across - x * y * twist)
+        local = local + step
+        if np.abs(step).max(initial=0.0) < _NEWTON_CLOSE:
+            break
     return np.asarray(shape("quad", local) @ reference)
+
+
+def _components(first: Array, second: Array, vectors: Array) -> Array:
+    """Components (..., 2) of plane vectors along two others, (..., 2) each."""
+    area = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    along = vectors[..., 0] * second[..., 1] - vectors[..., 1] * second[..., 0]
+    across = first[..., 0] * vectors[..., 1] - first[..., 1] * vectors[..., 0]
+    return np.stack([along / area, across / area], axis=-1)
 
 
 def _finished(points: _Points, least: float) -> Mortar:
