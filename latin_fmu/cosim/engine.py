@@ -163,7 +163,7 @@ class Engine:
         given : (n_input, 2) value and rate of the inputs, C-contiguous.
         """
         row = np.empty(self._n_output)
-        status = self._call("step", t, h, early, address(given), self._end_at, address(row))
+        status = self._call("step", t, h, early, given.ctypes.data, self._end_at, row.ctypes.data)
         if status > WARNING:
             return Step(status, self._message(), 0.0, 0)
         self.row = row

@@ -158,7 +158,7 @@ class Session:
         """
         places = {variable.name: i for i, variable in enumerate(self.table)}
         if bad := [Problem(name, "no variable of this name") for name in (*unknowns, *knowns) if name not in places]:
-            raise InputError(bad, "there is no directional derivative")
+            raise InputError(bad, "these derivatives cannot be taken")
         engine = self._solver.engine
         if engine is None or not self.started:
             raise InputError([Problem("directional derivative", "not available before initialization")])
