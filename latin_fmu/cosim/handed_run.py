@@ -19,7 +19,7 @@ import numpy as np
 from ..compiled import library
 from ..kernels import entries
 from ..kernels.records import CLASS, GROUP, RUN
-from ..propagator.image import pools_of
+from ..propagator.image import pools_of, work_on
 from .communication import WORDS, CommunicationRun, header
 
 ABOUT_TO, HAVE_MADE, WORKS_ON = range(3)
@@ -151,7 +151,7 @@ class HandedRun:
         try:
             image.callouts.check()  # of what was done in the block before
         finally:
-            image.work_on(np.ctypeslib.as_array((ctypes.c_double * b).from_address(a)))
+            work_on(image, np.ctypeslib.as_array((ctypes.c_double * b).from_address(a)))
 
     def _take_part(self, what: int, a: int, b: int, c: int) -> None:
         """Before and after a call of the kernels."""
