@@ -6,6 +6,7 @@ import ast
 import os
 import re
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -164,3 +165,21 @@ def test_no_library_and_no_compiler_is_said(monkeypatch) -> None:
             session.initialize()
     finally:
         c_runtime.loaded.cache_clear()
+
+
+def test_kernels_outside_the_library_make_the_same_steps() -> None:
+    """As plain Python, for a debugger; where there is no library numba's are called in the same way."""
+    code = (
+        "from latin_fmu.cosim import Session\n"
+        "from tests.cosim.scenes import bar\n"
+        "session = Session(bar())\n"
+        "session.initialize()\n"
+        "assert all(session.step(0.02 * i, 0.02) for i in range(4))\n"
+        "print(session.row.tolist())\n"
+    )
+    rows = []
+    for compiled in ("", "setup"):
+        environment = {**os.environ, "LATIN_FMU_COMPILE": compiled}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        rows.append(np.array(ast.literal_eval(done.stdout)))
+    assert rows[1] == pytest.approx(rows[0], rel=1e-11, abs=1e-9)
