@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from .assembly.build import discretise, solver_ready
 from .assembly.free_bodies import loss_of_equilibrium
@@ -22,9 +22,6 @@ from .latin.processes import Processes
 from .machine import one_thread
 from .remarks import remarks_of
 from .scene.schema import Scene
-
-PAYS: Final = 20.0
-"""Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +73,10 @@ def prepared(
         tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None) if wanted else None
         stages = None if tangent is None else tangent.stages
         size = 1 if processes is None else processes.size
-        restricted = behaviours is not None or wanted or size > 1 or attempt.looked_at
+        looks_at_bodies = wanted or size > 1 or attempt.looked_at  # what needs the iterates of single bodies
+        restricted = behaviours is not None or looks_at_bodies
         modal, reasons = by_modes(scene, restricted)
-        tries = attempt.modes_open and not restricted and _tries_modes(discretised, prediction)
+        tries = attempt.modes_open and not restricted and prediction.tries_modes
         if tries:
             from .effects.modal_choice import by_choice
 
@@ -88,7 +86,7 @@ def prepared(
             if scene.time.quasi_static:
                 from .assembly.static_fields import solved_at_once
 
-                at_once = solved_at_once(scene, discretised, wanted or size > 1 or attempt.looked_at)
+                at_once = solved_at_once(scene, discretised, looks_at_bodies)
             grouped, why = None, ""
             if not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
                 from .effects.march_choice import cheaper_march
@@ -118,15 +116,6 @@ def _marched_by_bodies(problem: SolverReadyProblem, reasons: list[str]) -> Solve
     """The problem with remarks on why its assembly is not marched by its modes."""
     words = [f"marched body by body and not by the modes of the assembly: {reason}" for reason in reasons]
     return replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
-
-
-def _tries_modes(discretised: DiscretisedProblem, prediction: Prediction) -> bool:
-    """Whether the program tries the march by modes."""
-    if discretised.scene.time.quasi_static or prediction.march < PAYS:
-        return False
-    from .effects.modal_choice import tries_modes
-
-    return tries_modes(discretised)
 
 
 def check_distributable(discretised: DiscretisedProblem, size: int) -> None:

@@ -99,10 +99,10 @@ def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(
     while True:
         kept = latin_fmu.Checkpoint(place, resume=True, log=lambda _: None)
         solution = latin_fmu.solve(described, checkpoint=kept, max_cpu=0.15)
-        if solution.complete or parts == 40:
+        if solution.complete or parts == 200:  # far more on a busy machine
             break
         parts += 1
-    assert 0 < parts < 40
+    assert 0 < parts < 200
     assert np.array_equal(solution.interfaces["joint"].traction, whole.interfaces["joint"].traction)
     assert [w.iterations for w in solution.windows] == [w.iterations for w in whole.windows]
 

@@ -1,6 +1,6 @@
 """Bolted assemblies marched in four ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
-    python examples/benchmarks/assemblies.py [--rounds N] [--share X]
+    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON]
 
 ``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
 bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march for the
@@ -13,7 +13,9 @@ The box with all its joints bonded, undamped, and hit by a pressure on its lid: 
 the merged mesh: HHT with one solution by the same Cholesky factor and one product with K and with M in a step, nothing
 recorded but the motion of the sensor, by which both are compared. Bonds iterated have matrices of the bodies alone.
 
-``--share`` shortens the runs, to see that it works.
+``--share`` shortens the runs, to see that it works. ``--former`` is the interpreter of an environment with a former
+version of this package, which runs in turn with the others as it marches by default (one is made by ``git worktree add
+FOLDER d672431a`` and the two commands of the README there).
 """
 
 from __future__ import annotations
@@ -70,13 +72,9 @@ def one(model: str, kind: str, share: float) -> dict[str, Any]:
     scene = scene.replace("solver.bonds", "iterate") if kind == "iterate" else scene
     solution = latin_fmu.solve(scene)
     outcome, timings = solution.outcome, solution.outcome.timings
-    frequencies = np.geomspace(200.0, HIGHEST, 40)
     dt = float(solution.time[1] - solution.time[0])
-    spectra = {
-        name: latin_fmu.shock_response_spectrum(sensor.acceleration, dt, frequencies, QUALITY, interpolation="lines")
-        .acceleration[0]
-        .max(axis=-1)
-        .tolist()
+    accelerations = {
+        name: sensor.acceleration.tolist()
         for name, sensor in outcome.sensors.items()
         if sensor.acceleration is not None
     }
@@ -90,7 +88,23 @@ def one(model: str, kind: str, share: float) -> dict[str, Any]:
         "iterations": float(np.mean([w.iterations for w in outcome.windows])),
         "bolts": {name: bolt.force.tolist() for name, bolt in outcome.bolts.items()},
         "friction": friction,
-        "spectra": spectra,
+        "dt": dt,
+        "accelerations": accelerations,
+    }
+
+
+def spectra(run: dict[str, Any]) -> dict[str, Any]:
+    """Largest shock response (40,) over the directions of each sensor of a run, m s-2."""
+    import latin_fmu
+
+    frequencies = np.geomspace(200.0, HIGHEST, 40)
+    return {
+        name: latin_fmu.shock_response_spectrum(
+            np.array(acceleration), run["dt"], frequencies, QUALITY, interpolation="lines"
+        )
+        .acceleration[0]
+        .max(axis=-1)
+        for name, acceleration in run["accelerations"].items()
     }
 
 
@@ -153,9 +167,9 @@ def transient(scene: Any) -> dict[str, Any]:
     return {"march": process_time() - begin, "velocity": velocity}
 
 
-def apart(share: float, *given: str) -> dict[str, Any]:
+def apart(share: float, *given: str, python: str = sys.executable) -> dict[str, Any]:
     """A run in a process of its own, on one thread; ``given`` : model and kind, or kind of the bonded box."""
-    command = [sys.executable, __file__, "--one", *given, "--share", f"{share:g}"]
+    command = [python, __file__, "--one", *given, "--share", f"{share:g}"]
     made = subprocess.run(
         command, capture_output=True, text=True, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
     )
@@ -163,23 +177,28 @@ def apart(share: float, *given: str) -> dict[str, Any]:
     return found
 
 
-def compare(model: str, share: float, rounds: int) -> None:
-    """Print the table of a model."""
-    runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+def compare(model: str, share: float, rounds: int, former: str | None) -> None:
+    """Print the table of a model; ``former`` : interpreter with a former version."""
+    kinds = KINDS if former is None else ("former", *KINDS)
+    runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
     for _ in range(rounds):
-        for kind in KINDS:
-            runs[kind].append(apart(share, model, kind))
+        for kind in kinds:
+            python = former if kind == "former" and former is not None else sys.executable
+            runs[kind].append(apart(share, model, kind, python=python))
     print(f"\n{model}: {1e3 * share * ENDS[model]:g} ms, medians of {rounds}")
-    for part in ("setup", "march", "rest"):
-        times = {kind: median(run[part] for run in runs[kind]) for kind in KINDS}
-        words = "  ".join(f"{kind} {t:8.2f} s" for kind, t in times.items())
-        ratios = "  ".join(f"iterate over {kind} {times['iterate'] / times[kind]:.2f}" for kind in KINDS[1:])
-        print(f"  {part:6} {words}  {ratios}")
+    for part in ("setup", "march", "rest", "whole"):
+        named = ("setup", "march", "rest") if part == "whole" else (part,)
+        times = {kind: median(sum(run[name] for name in named) for run in runs[kind]) for kind in kinds}
+        print(f"  {part:6} " + "  ".join(f"{kind} {t:8.2f} s" for kind, t in times.items()))
+        for base in ("former", "iterate"):
+            if base in times:
+                ratios = (f"{kind} {times[base] / times[kind]:.2f}" for kind in kinds if kind != base)
+                print(f"         {base} over " + ", ".join(ratios))
     first = runs["iterate"][-1]
-    for kind in KINDS:
+    for kind in kinds:
         last = runs[kind][-1]
         print(
-            f"  {kind:7} {last['iterations']:.1f} iterations an instant, peak memory {last['memory'] / 1e9:.2f} GB"
+            f"  {kind:9} {last['iterations']:.1f} iterations an instant, peak memory {last['memory'] / 1e9:.2f} GB"
             + ("" if last["converged"] else ", NOT CONVERGED")
         )
         if kind == "iterate":
@@ -187,8 +206,9 @@ def compare(model: str, share: float, rounds: int) -> None:
         off = max(np.abs(np.subtract(f, last["bolts"][name])).max() for name, f in first["bolts"].items())
         friction = last["friction"] / first["friction"] - 1
         print(f"          bolts differ from iterate by {off:.3g} N, work of friction {friction:+.2%}")
-        for name, spectrum in first["spectra"].items():
-            change = np.abs(np.divide(last["spectra"][name], spectrum) - 1.0)
+        wanted, found = spectra(first), spectra(last)
+        for name, spectrum in wanted.items():
+            change = np.abs(found[name] / spectrum - 1.0)
             sizes = f"up to {change.max():.1%}, median {np.median(change):.1%}"
             print(f"          spectrum of {name} up to {HIGHEST:g} Hz differs by {sizes}")
 
@@ -212,6 +232,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--share", type=float, default=1.0, help="of the time of each run")
+    parser.add_argument("--former", help="interpreter of an environment with a former version")
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
@@ -219,7 +240,7 @@ def main() -> None:
         return
     compare_bonded(given.share, given.rounds)
     for model in ENDS:
-        compare(model, given.share, given.rounds)
+        compare(model, given.share, given.rounds, given.former)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,6 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull
 
 from ..errors import Problem, Problems
 from ..fem.elements import rigid_modes
@@ -230,6 +229,8 @@ def _corners(points: Array, normals: Array) -> Index:
     if values[1] <= _PLANE * values[0]:  # on a line
         along = centred @ axes[0]
         return np.array([int(along.argmin()), int(along.argmax())])
+    from scipy.spatial import ConvexHull  # a tenth of a second to load
+
     return np.asarray(ConvexHull(centred @ axes[:2].T / size).vertices, dtype=np.int64)
 
 

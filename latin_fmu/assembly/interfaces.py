@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from ..errors import Problem, Problems, SceneError, did_you_mean
 from ..fem.faces import Surface, cells_between, face_of
-from ..fem.location import locate, nearest_surface_point
+from ..fem.location import inside, nearest_surface_point
 from ..fem.mesh import Array, Index, nearest
 from ..fem.mortar import common_cells
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
@@ -166,11 +166,11 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
     for (_, surface), (body, other) in ((first, second), (second, first)):
         low, high = _box(other)
         middles = np.concatenate([pieces.centres for pieces in surface.pieces])
-        # points in the bounding box alone: the search for the cell of a point costs more
+        # points in the bounding box alone: the search for the cells of points costs more
         middles = middles[((low < middles) & (middles < high)).all(axis=1)]
-        for middle in middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]:
-            if locate(body.mesh, middle) is not None:
-                deepest = max(deepest, nearest_surface_point(other, middle)[0])
+        middles = middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]
+        for middle in middles[inside(body.mesh, middles)]:
+            deepest = max(deepest, nearest_surface_point(other, middle)[0])
     return deepest if deepest > search else 0.0
 
 

@@ -201,8 +201,7 @@ def _step_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     courant = {}
     for name, body in problem.bodies.items():
         if not body.rigid:
-            volume = float(body.rigid_motions.mass[0, 0]) / body.shape.material.density
-            edge = (volume / max(body.mesh.n_cell, 1)) ** (1 / 3)
+            edge = (float(body.shape.elements.volume.sum()) / max(body.mesh.n_cell, 1)) ** (1 / 3)
             courant[name] = problem.dt * body.shape.fast_elasticity.bar_speed / edge
     if not courant:
         return

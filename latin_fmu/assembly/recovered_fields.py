@@ -32,11 +32,11 @@ from ..propagator.model import SubstructureModel, closest_reduced
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
 from .reduced_run import NAME, RELATIVE, ReducedMarch
-from .tied_assembly import jump_rows
+from .tied_assembly import MASS, STIFFNESS, jump_rows
 
-_EXACT: Final = 3e-4  # of the largest change of the relative motions, left out of their shapes
+_EXACT: Final = 1e-3  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
-_COLUMNS: Final = 96  # that are solved together: vectors of all dofs
+_COLUMNS: Final = 40  # that are solved together: vectors of all dofs
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
 
@@ -170,12 +170,13 @@ class Motions:
         """What Maxwell branches add to the amplitudes of the displacements in the internal forces of a body, (n_time,
         n_shape): the sum of their elongations times their strengths, relaxed at the start, as ``kernels.maxwell``."""
         if model.branches not in self._strains:
-            from scipy.signal import lfilter  # takes longer to import than most runs need
-
-            moved = self.amplitudes[0] - self.amplitudes[0][0]
+            moved = self.amplitudes[0]
             added = self._strains[model.branches] = np.zeros_like(moved)
-            for strength, kept, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
-                added += strength * lfilter([of_motion, -of_motion], [1.0, -kept], moved, axis=0)
+            for strength, decay, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
+                elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
+                for t in range(1, len(elongation)):
+                    elongation[t] += decay * elongation[t - 1]
+                added += strength * elongation
         return self._strains[model.branches]
 
     # -- forces of bonds -------------------------------------------------------------------------------------------
@@ -385,7 +386,7 @@ class RecoveredRecorder(Recorder):
         moved, motions, m = drives.shapes.shape[1], self._motions, reduced.n_mode
         modes, relative = motions.modes[:n], motions.relative[:n]
         speed = np.gradient(relative, march.bodies.dt, axis=0) if moved and n > 1 else np.zeros_like(relative)
-        k_d, m_d = (drives.shapes.T @ (reduced.tied.full[kind] @ drives.shapes) for kind in (0, 1))
+        k_d, m_d = (drives.shapes.T @ reduced.tied.times(kind, drives.shapes) for kind in (STIFFNESS, MASS))
         d, rate = drives.motions[0, :, :n].T, drives.motions[1, :, :n].T
         count = reduced.drives.shape[1]
         of_stiffness, of_mass = (reduced.drives[:, count - k * moved : count - (k - 1) * moved] for k in (3, 1))

@@ -38,8 +38,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from ..cholesky.factor import CholeskyFactor
-from ..cholesky.numeric import invert, routines
+from ..cholesky.factor import CholeskyFactor, InsideFactor
 from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
 from ..propagator.lanczos import lowest_modes
@@ -47,7 +46,7 @@ from ..propagator.vibration import DENSE
 from ..time_scheme import NO_BRANCHES, MaxwellBranches
 from .dynamic_stiffness import ProjectedStiffness, pole_of
 from .rigid_parts import RigidInertia, RigidParts
-from .tied_assembly import TiedAssembly, TieError
+from .tied_assembly import TiedAssembly
 
 MOST_MODES: Final = 400
 """Elastic modes at most."""
@@ -56,31 +55,38 @@ _LARGEST: Final = 1.2
 _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
-_COLUMNS: Final = 96  # that are solved together: vectors of all dofs
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
 _OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "damping", "drag", "beyond")  # of the tied assembly
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
 
 class StaticSolver:
-    """K+ of the module docstring: static responses to forces with inertia relief, orthogonal to the rigid motions in
-    the mass.
+    """K+ and S of the module docstring, by one factor of the tied assembly with the relative motions last. K+ : static
+    responses to forces with inertia relief, orthogonal to the rigid motions in the mass.
 
     Parameters
     ----------
-    stiffness, mass : (n, n). rigid : (n, k) rigid motions, orthonormal in the mass. rank : elimination order or None.
+    tied : the assembly. rigid : (n_free, k) its rigid motions, orthonormal in the mass.
+
+    Attributes
+    ----------
+    relative : S (n_r, n_r), N m-1, positive semidefinite: parts that contacts alone hold move without force.
     """
 
-    def __init__(self, stiffness: sp.csr_array, mass: sp.csr_array, rigid: Array, rank: Array | None) -> None:
-        self.rigid, self._pulled = rigid, np.asarray(mass @ rigid)
-        self._factor = CholeskyFactor(supported(stiffness, rigid), NONE, rank)
+    def __init__(self, tied: TiedAssembly, rigid: Array) -> None:
+        n, size = tied.n_free, tied.n_relative
+        self.rigid, self._pulled = rigid, np.asarray(tied.mass[:n, :n] @ rigid)
+        held = np.vstack([rigid, np.zeros((size, rigid.shape[1]))])
+        last: Index = np.arange(n, n + size, dtype=np.int64)
+        self._factor = InsideFactor(supported(tied.stiffness, held), last, tied.rank)
+        self.relative = self._factor.schur
+        self._n_relative = size
 
     def solve(self, forces: Array) -> Array:
-        """Responses (n, m) to forces (n, m)."""
-        if not self.rigid.shape[1]:
-            return self._factor.solve(forces)
-        balanced = forces - self._pulled @ (self.rigid.T @ forces)
-        moved = self._factor.solve(balanced)
+        """Responses (n_free, m) to forces (n_free, m)."""
+        moved = forces - self._pulled @ (self.rigid.T @ forces)
+        moved = self._factor.held_solve(np.vstack([moved, np.zeros((self._n_relative, forces.shape[1]))]))
+        moved = moved[: len(forces)]
         return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
 
 
@@ -155,8 +161,8 @@ class ReducedAssembly:
     Attributes
     ----------
     tied : the assembly. dt : step of the march, s. rigid, elastic : (n_free, k), mass-orthonormal. values : (m,) of
-    the elastic modes, s-2. relative : S (n_r, n_r), N m-1. forces : loads (n, n_load) on [q, r] for amplitude 1, N.
-    solver : K+. viscosities : b of the damping b K by strains, s, by body. parts : what moves as a whole.
+    the elastic modes, s-2. forces : loads (n, n_load) on [q, r] for amplitude 1, N. solver : K+ and S. viscosities : b
+    of the damping b K by strains, s, by body. parts : what moves as a whole.
     """
 
     tied: TiedAssembly
@@ -164,7 +170,6 @@ class ReducedAssembly:
     rigid: Array
     elastic: Array
     values: Array
-    relative: Array
     forces: Array
     solver: StaticSolver
     viscosities: Mapping[str, float]
@@ -183,10 +188,13 @@ class ReducedAssembly:
         if found is None:
             return None
         rigid, values, elastic = found
-        solver = StaticSolver(stiffness, mass, rigid, rank)
-        stiff = relative_stiffness(tied, rigid)
         none = np.zeros((tied.mass.shape[0], 0))
-        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities, parts)
+        return ReducedAssembly(tied, dt, rigid, elastic, values, none, StaticSolver(tied, rigid), viscosities, parts)
+
+    @property
+    def relative(self) -> Array:
+        """S (n_r, n_r), N m-1."""
+        return self.solver.relative
 
     @property
     def n_mode(self) -> int:
@@ -422,30 +430,3 @@ def lowest(
     # signs by a rule: those of eigenvectors are arbitrary
     modes = modes * np.where(modes[np.abs(modes).argmax(axis=0), np.arange(modes.shape[1])] < 0.0, -1.0, 1.0)
     return modes[:, free], values[~free], modes[:, ~free]
-
-
-def relative_stiffness(tied: TiedAssembly, rigid: Array) -> Array:
-    """S (n_r, n_r): from the compliance of r in the assembly with springs at all contacts, S = C^-1 - springs. Raises
-    TieError : a compliance that is not positive."""
-    n, size = tied.n_free, tied.n_relative
-    if not size:
-        return np.zeros((0, 0))
-    springs = np.zeros(n + size)
-    springs[n:] = tied.stiffness.diagonal()[n:]
-    held = np.vstack([rigid, np.zeros((size, rigid.shape[1]))])
-    matrix = supported(sp.csr_array(tied.stiffness + sp.diags_array(springs)), held)
-    matrix.sort_indices()
-    face: Index = np.arange(n, n + size, dtype=np.int64)
-    factor = CholeskyFactor(matrix, NONE, tied.rank, face=face)
-    del matrix
-    compliance = np.empty((size, size))
-    for first in range(0, size, _COLUMNS):
-        count = min(_COLUMNS, size - first)
-        compliance[:, first : first + count] = factor.face_solve(np.eye(size, count, -first))
-    del factor  # before the inverse takes memory
-    inverse = compliance + compliance.T
-    inverse *= 0.5
-    if invert(routines(), inverse):
-        raise TieError("the compliance of the relative motions of contacts is not positive")
-    inverse[np.diag_indices(size)] -= springs[n:]
-    return inverse

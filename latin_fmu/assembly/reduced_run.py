@@ -43,7 +43,7 @@ from .reduced_assembly import (
 )
 from .rigid_parts import RigidParts
 from .static_assembly import against_ground
-from .tied_assembly import TiedAssembly, TieError
+from .tied_assembly import DAMPING, MASS, STIFFNESS, TiedAssembly, TieError
 
 _SEARCH: Final = 3.3  # factor on the search direction
 _SHARE: Final = 0.2  # of the inverse of the step: frequency up to which modes are taken
@@ -96,8 +96,8 @@ def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) ->
         if histories is not None:
             moved.append(np.stack([h.T for h in histories[:3]]))
     motions, shapes = np.concatenate(moved, axis=1), static_shapes(tied, reduced)
-    for matrix, series in zip((tied.full[0], tied.full[2], tied.full[1]), motions, strict=True):
-        columns.append(-(matrix @ shapes))
+    for kind, series in zip((STIFFNESS, DAMPING, MASS), motions, strict=True):
+        columns.append(-tied.times(kind, shapes))
         amplitudes.append(series)
     return DrivenLoads(np.hstack(columns), np.concatenate(amplitudes), shapes, motions)
 
@@ -106,7 +106,7 @@ def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
     """B (n_full, n_motion): shapes of all bodies that follow the driven faces without inertia."""
     if not tied.driven.shape[1]:
         return tied.driven
-    forces = -(tied.expansion.T @ (tied.full[0] @ tied.driven))
+    forces = -(tied.expansion.T @ (tied.times(STIFFNESS, tied.driven)))
     moved = reduced.solver.solve(np.asarray(forces[: tied.n_free]))
     return np.asarray(tied.driven + tied.expansion[:, : tied.n_free] @ moved)
 
@@ -234,7 +234,7 @@ def reduced_march(
     still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(relative)}
     assembly.begin(bodies.time, dt, ground, still)
     moved = np.concatenate([m.displacement for m in tied.models])
-    stored = 0.5 * float(moved @ (tied.full[0] @ moved))
+    stored = 0.5 * float(moved @ tied.times(STIFFNESS, moved))
     return ReducedMarch(assembly, bodies, without_matrices(reduced), drives, relative, cutoff, stored)
 
 

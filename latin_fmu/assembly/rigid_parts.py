@@ -23,7 +23,7 @@ import scipy.linalg as la
 from ..latin.assembly import Array, Layout
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
-from .tied_assembly import TiedAssembly, jump_rows
+from .tied_assembly import MASS, STIFFNESS, TiedAssembly, jump_rows
 
 _STRAIN_FREE: Final = 1e-10  # of a unit motion, and its force over the largest stiffness of a dof
 _WITHOUT_MASS: Final = 1e-10  # of the largest mass
@@ -70,7 +70,7 @@ class RigidParts:
             motions[tied.where[model.name], 6 * i : 6 * i + 6] = _of_body(model)
         _, strains, turn = la.svd(_strains(tied, layout, motions))
         motions = motions @ turn[strains < _STRAIN_FREE].T
-        pulled = np.asarray(tied.full[1] @ motions)
+        pulled = tied.times(MASS, motions)
         return RigidParts(
             np.asarray(tied.expansion.T @ pulled), np.asarray(tied.jump @ motions), np.asarray(motions.T @ pulled)
         )
@@ -111,13 +111,15 @@ def _of_body(model: SubstructureModel) -> Array:
 
 def _strains(tied: TiedAssembly, layout: Layout, motions: Array) -> Array:
     """What supports, bonds and springs do not allow of motions (n_full, k): a triangular factor (k, k) of it."""
-    largest = max(float(np.abs(tied.full[0].data).max(initial=0.0)), np.finfo(float).tiny)
+    stiffest = [np.abs(m.stiffness.data).max(initial=0.0) for m in tied.models]
+    largest = max(*stiffest, np.abs(tied.springs.data).max(initial=0.0), np.finfo(float).tiny)
+    forces = tied.times(STIFFNESS, motions) / largest
     factor = np.zeros((0, motions.shape[1]))
     for model in tied.models:
         where = tied.where[model.name]
         moved = motions[where]
         held = moved - model.expansion @ closest_reduced(model.expansion, moved)
-        factor = la.qr(np.vstack([factor, held, (tied.full[0][where] @ motions) / largest]), mode="r")[0]
+        factor = la.qr(np.vstack([factor, held, forces[where]]), mode="r")[0]
         factor = factor[: motions.shape[1]]
     for i in tied.joints.bonded:
         apart = jump_rows(layout, tied.trace, i) @ motions

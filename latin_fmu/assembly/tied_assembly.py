@@ -30,6 +30,9 @@ from ..propagator import SubstructureModel
 from .body import consecutive
 from .models import ModelClass
 
+STIFFNESS: Final = 0
+MASS: Final = 1
+DAMPING: Final = 2
 _NOTHING: Final = 1e-9  # entries below this share of 1 are round-off
 _SMALL: Final = 1e-8  # of the largest, of rows that depend on each other
 _ROUNDS: Final = 5  # of choices of the dofs that follow
@@ -238,7 +241,7 @@ class TiedAssembly:
     ----------
     models : of the bodies. where : slices of their full dofs. joints : the interfaces. trace : (n_flat, n_full) from
     the full dofs of all bodies to the channels. expansion : [E Q, E R] (n_full, n). n_free : number of q. driven : D
-    (n_full, n_motion). full : stiffness, mass and damping (n_full, n_full) with the springs of interfaces.
+    (n_full, n_motion). springs : (n_full, n_full) of the interfaces that have them.
     stiffness, mass, damping : (n, n) on [q, r], N m-1, kg, N s m-1. channels : (n_r,) channel of side E of each r.
     exists : (n_channel,) whether the r of each channel exists. free : (n_free,) numbers of q among the reduced dofs of
     all bodies. rank : (n,) elimination order of [q, r], nested
@@ -252,7 +255,7 @@ class TiedAssembly:
     expansion: sp.csr_array
     n_free: int
     driven: Array
-    full: tuple[sp.csr_array, sp.csr_array, sp.csr_array]
+    springs: sp.csr_array
     stiffness: sp.csr_array
     mass: sp.csr_array
     damping: sp.csr_array
@@ -281,16 +284,13 @@ class TiedAssembly:
         there = np.flatnonzero(made.exists)
         both = _narrow(sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]])))
         springs = _springs(units, layout, trace, joints)
-        full = (
-            _narrow(sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr") + springs)),
-            _narrow(sp.csr_array(sp.block_diag([m.inertia for m in models], format="csr"))),
-            _narrow(sp.csr_array(sp.block_diag([_viscosity(m) for m in models], format="csr"))),
+        stiffness, mass, damping = (
+            _product(both, [_matrix(m, kind) for m in models]) for kind in (STIFFNESS, MASS, DAMPING)
         )
-        stiffness, mass, damping = (_product(both, matrix) for matrix in full)
+        stiffness = _ordered(stiffness + both.T @ springs @ both)
         shapes = driven + expansion @ made.driven
         rank = _rank(models, both, stiffness)
         n_free = made.q_part.shape[1]
-        matrices = full, stiffness, mass, damping
         jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in joints.relative)]
         jump = sp.csr_array(sp.csr_array(sp.vstack(jumps))[there])
         return TiedAssembly(
@@ -301,7 +301,10 @@ class TiedAssembly:
             both,
             n_free,
             shapes,
-            *matrices,
+            springs,
+            stiffness,
+            mass,
+            damping,
             channels[there],
             made.exists,
             made.free,
@@ -313,6 +316,15 @@ class TiedAssembly:
     def n_relative(self) -> int:
         """Number of r."""
         return len(self.channels)
+
+    def times(self, kind: int, motions: Array) -> Array:
+        """A matrix of all bodies, STIFFNESS with the springs of interfaces, MASS or DAMPING, times motions (n_full,) or
+        (n_full, k)."""
+        product = np.zeros_like(motions)
+        for model in self.models:
+            where = self.where[model.name]
+            product[where] = _matrix(model, kind) @ motions[where]
+        return product + self.springs @ motions if kind == STIFFNESS else product
 
 
 def channel_trace(classes: Sequence[ModelClass], layout: Layout, where: Mapping[str, slice], n: int) -> sp.csr_array:
@@ -376,6 +388,13 @@ def _global(unit: InterfaceUnit, n_component: int) -> sp.csr_array:
     return _without_round_off(sp.csr_array(sp.block_diag(list(frames), format="csr")))
 
 
+def _matrix(model: SubstructureModel, kind: int) -> sp.csr_array:
+    """STIFFNESS, MASS or DAMPING (n_full, n_full) of a body."""
+    if kind == DAMPING:
+        return _viscosity(model)
+    return model.stiffness if kind == STIFFNESS else model.inertia
+
+
 def _viscosity(model: SubstructureModel) -> sp.csr_array:
     """Damping (n_full, n_full) of a body without the viscosity of its contact layer, which belongs to faces that land,
     and without its modal damping."""
@@ -392,13 +411,19 @@ def _narrow(matrix: sp.csr_array) -> sp.csr_array:
     return sp.csr_array((matrix.data, *places), shape=matrix.shape)
 
 
-def _product(both: sp.csr_array, matrix: sp.csr_array) -> sp.csr_array:
-    """B^T A B (n, n)."""
-    if not matrix.nnz:
+def _product(both: sp.csr_array, matrices: Sequence[sp.csr_array]) -> sp.csr_array:
+    """B^T A B (n, n) of the matrices A of all bodies."""
+    if not any(matrix.nnz for matrix in matrices):
         return sp.csr_array((both.shape[1], both.shape[1]))
-    product = sp.csr_array(sp.csr_array(both.T) @ (matrix @ both))
-    product.sort_indices()
-    return product
+    matrix = _narrow(sp.csr_array(sp.block_diag(matrices, format="csr")))
+    return _ordered(sp.csr_array(both.T) @ (matrix @ both))
+
+
+def _ordered(matrix: sp.csr_array) -> sp.csr_array:
+    """The matrix with the entries of each row in order."""
+    made = sp.csr_array(matrix)
+    made.sort_indices()
+    return made
 
 
 def _rank(models: Sequence[SubstructureModel], both: sp.csr_array, stiffness: sp.csr_array) -> Array | None:

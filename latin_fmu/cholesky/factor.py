@@ -85,6 +85,7 @@ class CholeskyFactor:
     SolverError : the matrix is not symmetric positive definite.
     """
 
+    _definite = True  # whether S is (``InsideFactor``)
     _among: Array | None = None  # dense part among the last dofs (``StiffenedFactor``)
 
     def __init__(
@@ -117,7 +118,7 @@ class CholeskyFactor:
         self.grouped = self.panels.nbytes <= _CACHE
 
     def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
-        """Panels, Schur complement and its inverse."""
+        """Panels, Schur complement and its inverse, which is empty where it may have none."""
         shape = self.symbolic
         # the kernel adds to the Schur complement, and writes every number of the panels
         panels, schur = np.empty(shape.panel_start[-1], dtype=self.dtype), np.zeros((len(self.last), len(self.last)))
@@ -143,7 +144,7 @@ class CholeskyFactor:
         if self._among is not None:
             schur += self._among
             self._among = None  # it is in the Schur complement now
-        inverse = schur.copy()
+        inverse = schur.copy() if self._definite else np.zeros((0, 0))
         if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))
         return {"panels": panels, "schur": schur, "schur_inverse": inverse}
@@ -234,14 +235,29 @@ class CholeskyFactor:
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""
         if b.shape[1] >= MANY and not len(self.last):
-            self._check_rows("b", len(b), len(self.symbolic.order))
-            x = np.ascontiguousarray(b[self.symbolic.order], dtype=float)
-            self._multiplied(x, np.zeros_like(self.symbolic.face_start))
-            out = np.empty_like(x)
-            out[self.symbolic.order] = x
-            return out
+            return self.held_solve(b)
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
+
+    def held_solve(self, b: Array) -> Array:
+        """A_II^-1 b_I for b (n, m), with zeros (n, m) at the interface: it is held."""
+        if b.shape[1] < MANY:
+            y, c = self.forward(b)
+            return self.backward(y, np.zeros_like(c))
+        order, n_interior = self.symbolic.order, self.symbolic.n_interior
+        self._check_rows("b", len(b), len(order))
+        x = np.ascontiguousarray(b[order], dtype=float)
+        self._multiplied(x, np.zeros_like(self.symbolic.face_start))
+        out = np.zeros_like(x)
+        out[order[:n_interior]] = x[:n_interior]
+        return out
+
+
+class InsideFactor(CholeskyFactor):
+    """``CholeskyFactor`` whose S may be singular, as that of parts which nothing but the interface holds: S has no
+    inverse, and of the solutions there is ``held_solve`` alone."""
+
+    _definite = False
 
 
 class StiffenedFactor(CholeskyFactor):

@@ -50,11 +50,14 @@ def solve_on_face(
 ) -> None:
     """Forward and backward substitution of x (n, m) in elimination order, zero but on the face, for the values on it.
 
+    Dofs behind the last supernode (``last`` of ``CholeskyFactor``) are held: their rows are left with what the forward
+    substitution makes of them, which the backward one takes for zero.
+
     panel, work : scratch, of the size of the largest panel, and of ``m`` times the most rows below one.
     """
     # x by rows is x^T (m, n) by columns, as BLAS takes it: products with blocks come from the right
     one, zero, block = 1.0, 0.0, panel.ctypes.data
-    gathered = work.ctypes.data
+    gathered, n_interior = work.ctypes.data, first[len(first) - 1]
     for s in range(len(first) - 1):
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:
@@ -80,7 +83,10 @@ def solve_on_face(
         _block(panels, panel_start[s], width, c, below, panel)
         # a copy, since the rows below one supernode are not side by side in x
         for i in range(below):
-            work[m * i : m * i + m] = x[m * own[i] : m * own[i] + m]
+            if own[i] < n_interior:
+                work[m * i : m * i + m] = x[m * own[i] : m * own[i] + m]
+            else:
+                work[m * i : m * i + m] = 0.0
         if below > 0:
             b = panel[used * used :].ctypes.data
             # before the product with L11^-T: x := L11^-T (x - L21^T x_below)

@@ -367,6 +367,10 @@ def seconds(counts: Array) -> float:
     return float(counts @ SECONDS)
 
 
+PAYS: Final = 20.0
+"""Predicted CPU seconds of the march of the bodies from which on modes are tried: their own set-up takes seconds."""
+
+
 class Prediction:
     """Predicted cost of a discretised problem: CPU seconds of its operators and of its march, memory in bytes.
 
@@ -403,6 +407,15 @@ class Prediction:
     def march(self) -> float:
         """All instants, stored quantities included, s."""
         return seconds(march_counts(self.run))
+
+    @cached_property
+    def tries_modes(self) -> bool:
+        """Whether the program tries the march by the modes of the assembly before that by its bodies."""
+        if self.scene.time.quasi_static or self.march < PAYS:
+            return False
+        from .modal_choice import tries_modes
+
+        return tries_modes(self.discretised)
 
     @property
     def memory(self) -> float:

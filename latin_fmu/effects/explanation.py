@@ -213,7 +213,14 @@ def choices(p: Prediction) -> dict[str, str]:
         window, direction, acceleration = "no interface: one linear march", "none", "none"
     elif run.at_once:
         window, direction, acceleration = "every instant at once: perfect interfaces only", "none", "none"
-    return {
+    march = {}
+    if p.tries_modes:
+        march["march"] = (
+            "by the modes of the assembly and the relative motions of its contacts, with an estimate of its error; "
+            f"predicted and described is the march of its bodies, taken where the error is above "
+            f"{100 * solver.reduction_error:g} % (solver.reduction_error)"
+        )
+    return march | {
         "window": window,
         "search direction": direction + (f", times {factor:g}" if factor != 1 else ""),
         "acceleration": acceleration,

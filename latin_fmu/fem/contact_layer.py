@@ -34,17 +34,15 @@ from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from .elasticity import Elasticity
 from .elements import BENDING_CELLS, element_stiffness, is_curved, points_in
-from .mesh import Array, CellBlock, Index, Mesh
+from .mesh import Array, CellBlock, Index, Mask, Mesh
 from .reference_cells import CELL_FACES, CELL_LINKS, FACET_CORNERS, FACET_KIND, N_CORNER, N_NODE, Local, cell_rule
 
 LAYERS: Final = 4
 """Layers that the contact mass is spread over at most."""
 _DIAGONALS: Final = {name: tuple(combinations(range(count), 2)) for name, count in N_NODE.items()}
-Mask = NDArray[np.bool_]
 
 
 def blended_mass(consistent: sp.csr_array, lumped: Array | None, share: float) -> sp.csr_array:

@@ -19,17 +19,15 @@ from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from .mesh import Array, Index, Mesh
+from .mesh import Array, Index, Mask, Mesh
 
 _LEAF: Final = 24  # nodes of a part that is not cut
 _NARROW: Final = 0.3  # of the longest side: no cuts across shorter ones
 _HALF: Final = 0.2  # of the nodes, the smaller half of a cut at least
 _UNEQUAL: Final = 2.0  # factor on the square of the difference of the halves, over the nodes of the part
 _BETTER: Final = 0.95  # times the number of nodes between in the middle of the longest side
-Mask = NDArray[np.bool_]
 
 
 def nested_dissection(mesh: Mesh) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .faces import Face, Surface
-from .mesh import Array, CellBlock, Index, Mesh
+from .mesh import Array, CellBlock, Index, Mask, Mesh
 from .reference_cells import N_CORNER, cell_functions
 
 _MARGIN: Final = 0.25  # of the extent of a cell: a curved one may bulge out of the box around its nodes
@@ -119,7 +119,8 @@ def locate(mesh: Mesh, point: Array) -> Location | None:
     """The cell of a mesh that holds a point (3,), m, and the shape functions there; None where no cell does."""
     best, least = None, INSIDE  # only a cell nearer than this is taken
     for block in mesh.blocks:
-        candidates = _around(mesh.nodes, block, point)
+        low, high = _boxes(mesh.nodes, block)
+        candidates = block.cells[((low <= point) & (point <= high)).all(axis=1)]
         if not len(candidates):
             continue
         at = _reference(mesh.nodes[candidates] - point, block.cell_type)
@@ -131,16 +132,25 @@ def locate(mesh: Mesh, point: Array) -> Location | None:
     return best
 
 
-def _around(nodes: Array, block: CellBlock, point: Array) -> Index:
-    """Cells (n, n_node) of a block near the point: those whose box, somewhat enlarged, holds it."""
-    kept = np.ones(len(block.cells), dtype=bool)
-    for axis in range(3):
-        values = nodes[:, axis][block.cells]
-        low, high = values.min(axis=1), values.max(axis=1)
-        margin = _MARGIN * (high - low) + INSIDE * np.ptp(nodes[:, axis])
-        kept &= (low - margin <= point[axis]) & (point[axis] <= high + margin)
-    near: Index = block.cells[kept]
-    return near
+def inside(mesh: Mesh, points: Array) -> Mask:
+    """Which of some points (n, 3), m, lie in a cell of a mesh."""
+    found = np.zeros(len(points), dtype=bool)
+    for block in mesh.blocks:
+        low, high = _boxes(mesh.nodes, block)
+        cells = [np.flatnonzero(((low <= point) & (point <= high)).all(axis=1)) for point in points]
+        point = np.repeat(np.arange(len(points)), [len(near) for near in cells])
+        near = block.cells[np.concatenate([np.zeros(0, dtype=np.int64), *cells])]
+        at = _reference(mesh.nodes[near] - points[point][:, None], block.cell_type)
+        found[point[_outside(at, block.cell_type) <= INSIDE]] = True
+    return found
+
+
+def _boxes(nodes: Array, block: CellBlock) -> tuple[Array, Array]:
+    """Corners (n_cell, 3) of the boxes around the cells of a block, somewhat enlarged."""
+    places = nodes[block.cells]
+    low, high = places.min(axis=1), places.max(axis=1)
+    margin = _MARGIN * (high - low) + INSIDE * np.ptp(nodes, axis=0)
+    return low - margin, high + margin
 
 
 def _reference(arms: Array, cell_type: str) -> Array:

@@ -13,6 +13,7 @@ from .reference_cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KI
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 _FEW: Final = 300_000  # pairs of points up to which all distances cost less than to load SciPy's tree
 

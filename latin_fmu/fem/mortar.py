@@ -19,10 +19,10 @@ instead, and points with little area are merged into their neighbours.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from .faces import (
     DEGREE,
@@ -36,9 +36,8 @@ from .faces import (
     triangle_quadrature,
     unit_normals,
 )
-from .mesh import Array, HalfSpace, Index
+from .mesh import Array, HalfSpace, Index, Mask
 
-Mask = NDArray[np.bool_]
 _OPPOSED = 0.5  # cosine between one normal and the other turned round, from which on pieces count as opposite
 _FACING = 0.25  # the least cosine that a distance is divided by: curved facets are steeper than their pieces
 _LEVEL = 1e-20  # squared sine of the angle to a plane below which a piece is parallel to it
@@ -145,19 +144,31 @@ def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) 
         ahead = 2 * np.asarray(nearest)  # at 60 degrees the way along the normal is twice the distance
     else:
         ahead = reach
-    size = np.floor(np.log2(np.maximum(theirs.radii, 1e-300))).astype(int)
-    ones, twos = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    # of a whole surface few pieces are anywhere near the other face
+    near = _within_box(here, there, mine.radii + ahead + theirs.radii.max())
+    if not len(near):
+        return near, near
+    ahead = np.broadcast_to(ahead, mine.radii.shape)[near]
+    far = _within_box(there, here[near], theirs.radii + float((mine.radii[near] + ahead).max()))
+    size = np.floor(np.log2(np.maximum(theirs.radii[far], 1e-300))).astype(int)
+    ones, twos = [near[:0]], [near[:0]]
     for level in np.unique(size):
-        members = np.flatnonzero(size == level)
+        members = far[size == level]
         # radii of a level are below 2^(level + 1): a few large pieces do not widen the search for the small ones
-        radius = (mine.radii + 2.0 ** (level + 1) + ahead) * (1 + 1e-9)
+        radius = (mine.radii[near] + 2.0 ** (level + 1) + ahead) * (1 + 1e-9)
         # sorted: sums over the cells are the same to the last bit in every run
-        lists = cKDTree(there[members]).query_ball_point(here, radius, return_sorted=True)
-        counts = np.array([len(numbers) for numbers in lists])
-        ones.append(np.repeat(np.arange(len(here)), counts))
-        if counts.any():
-            twos.append(members[np.concatenate([np.asarray(f, dtype=np.int64) for f in lists])])
+        lists = cKDTree(there[members]).query_ball_point(here[near], radius, return_sorted=True)
+        counts = np.fromiter(map(len, lists), np.int64, len(lists))
+        ones.append(np.repeat(near, counts))
+        twos.append(members[np.fromiter(chain.from_iterable(lists), np.int64, int(counts.sum()))])
     return np.concatenate(ones), np.concatenate(twos)
+
+
+def _within_box(points: Array, others: Array, margin: Array) -> Index:
+    """Numbers of the points (n, 3) within their margins (n,), m, of the box around the others (m, 3)."""
+    low, high = others.min(axis=0), others.max(axis=0)
+    inside = (points >= low - margin[:, None]) & (points <= high + margin[:, None])
+    return np.flatnonzero(inside.all(axis=1))
 
 
 def _nearest_layer(mine: Pieces, row: list[Cells]) -> list[Cells]:

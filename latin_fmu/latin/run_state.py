@@ -425,6 +425,10 @@ class RunState(RunImage):
             waves = self.settings.window == 1 and not self.settings.residual_alone
             short = waves and self.direction(1).short
             allowed = allowed_work(float(works[INSTANTS]), short)
+            # what passes the interfaces in a window, as for the work of each (``indicator.work_of_error``): where a
+            # body at rest alone is loaded nothing is put in
+            passes = float(self.image.field("scales", 3)[0]) * self.settings.window * self.assembly.dt
+            put_in = max(put_in, passes)
             converged, sentence = with_work(sentence, work, put_in, allowed, self.settings.tolerance)
         if energy is None:
             return converged, sentence

@@ -16,17 +16,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..kernels.sparse_response import multiply
 from .interface_matrices import STILL
 from .interface_sweeps import applied
 from .model import Array, Index
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _OF_NORMS = (
     ("normal", slice(0, 1), 1e-3),
@@ -71,6 +73,8 @@ class Points:
         """These points in an order in which neighbours follow each other, as rows of a table are read."""
         if len(self.positions) < 2:
             return self
+        from scipy.spatial import cKDTree  # a tenth of a second to load, and dense interfaces do without
+
         nearest = np.asarray(cKDTree(self.positions).query(self.positions, 2)[0])[:, 1]
         # 1.0 where points coincide
         spacing = float(np.median(nearest)) or 1.0
@@ -167,6 +171,8 @@ def _probed(
 
     solve : velocities (n_channel, m) of forces on the channels.
     """
+    from scipy.spatial import cKDTree
+
     columns = _Columns(solve, points, n_channel)
     picked = points.picked()
     sizes = columns.sizes(picked)

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 BLOCK: Final = 8
 """Vectors of a block."""
-_EXACT: Final = 1e-8  # residual of a mode, over its eigenvalue
+_EXACT: Final = 1e-6  # residual of a mode, over its eigenvalue, whose relative error is the square of it
 _DEPENDENT: Final = 1e-10  # what a vector of a block adds to the others, over its size
 _LOOK: Final = 3  # blocks between two looks at the modes
 
@@ -69,9 +69,8 @@ def _orthonormal(
 ) -> tuple[Array, Array]:
     """The block orthonormal in the mass, and orthogonal to the space, to which it is up to round-off; random vectors in
     the place of dependent ones. With it its product with the mass."""
-    image: Array = mass @ block
     for _ in range(3):
-        size, turn = la.eigh(block.T @ image)
+        size, turn = la.eigh(block.T @ block)
         sound = size > _DEPENDENT * size[-1]
         turn = turn[:, sound] / np.sqrt(size[sound])
         missing = block.shape[1] - turn.shape[1]
@@ -80,9 +79,9 @@ def _orthonormal(
             block = np.hstack([block, random.normal(size=(len(block), missing))])
         # once more: what round-off left of the space was enlarged with the block
         block = block - space @ (pulled.T @ block)
-        image = mass @ block
         if not missing:
             break
+    image: Array = mass @ block
     size, turn = la.eigh(block.T @ image)
     turn = turn / np.sqrt(size)
     return block @ turn, image @ turn

@@ -184,10 +184,6 @@ def _not_convergent(bench: Bench) -> list[Measure]:
 # -- closed joints ---------------------------------------------------------------------------------------------------
 CLAMP = 1e7  # Pa
 CLAMPED: Triple = (0.02, 0.03, 0.05)  # m
-HELD_FAULT = (
-    "not converged: where nothing but a rigid body at rest is loaded no energy is put in, and the work of the errors, "
-    "7.2e-10 J over motions of 2e-9 m, is 0.73 of it (allowed: 1e-4); tolerances of 1e-9 and less pass"
-)
 
 
 def joint_cases() -> Iterator[Case]:
@@ -200,7 +196,7 @@ def joint_cases() -> Iterator[Case]:
     for ratio, name in ((2.0, "grows"), (1.0, "decays")):
         expectation = "peaks X0 + n (pi F0/2 - 2 mu N)/k (exact)"
         yield case(f"block on a spring at resonance, F0/(mu N) {ratio:g}: {name}", expectation, _resonates, ratio)
-    yield case("block on a spring at resonance, F0/(mu N) 0.9: held", "never slips", _held, fault=HELD_FAULT)
+    yield case("block on a spring at resonance, F0/(mu N) 0.9: held", "never slips", _held)
     for low, mu in (("aluminium", 0.0), ("steel", 0.3)):
         expectation = "the same state each time (one equilibrium), none without load"
         yield case(f"steel on {low} pressed three times, mu {mu:g}", expectation, _pressed_again, low, mu)

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from latin_fmu.cholesky.factor import CholeskyFactor
+from latin_fmu.cholesky.factor import CholeskyFactor, InsideFactor
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.errors import LatinError, SolverError
 from latin_fmu.fem.dissection import dissection, nested_dissection
@@ -104,6 +104,26 @@ def test_bodies(elements: tuple[int, int, int], interface: str, ranked: bool) ->
         "all": np.arange(n),
     }[interface]
     assert_factor(matrix, last, CholeskyFactor(matrix, last, rank if ranked else None))
+
+
+@pytest.mark.parametrize("m", [1, 8, 40])
+@pytest.mark.parametrize("ranked", [False, True], ids=["own_order", "given_order"])
+def test_an_interface_that_is_held(m: int, ranked: bool) -> None:
+    """The inside alone, column by column, in tiles and by matrix products; S of a body that nothing else holds is
+    singular, which no inverse of it is needed for."""
+    matrix, rank = body((3, 4, 5))
+    n = matrix.shape[0]
+    inside, last = np.arange(n - 30), np.arange(n - 30, n)
+    coupling = matrix[inside][:, last].toarray()
+    condensed = coupling.T @ np.linalg.solve(matrix[inside][:, inside].toarray(), coupling)
+    singular = matrix.tolil()
+    singular[np.ix_(last, last)] = condensed
+    factor = InsideFactor(sp.csr_array(singular.tocsr()), last, rank if ranked else None)
+    assert np.abs(factor.schur).max() < 1e-12 * np.abs(condensed).max()
+    load = np.random.default_rng(m).normal(size=(n, m))
+    expected = np.zeros((n, m))
+    expected[inside] = np.linalg.solve(matrix[inside][:, inside].toarray(), load[inside])
+    np.testing.assert_allclose(factor.held_solve(load), expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("ranked", [False, True], ids=["own_order", "given_order"])

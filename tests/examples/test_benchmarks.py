@@ -31,6 +31,7 @@ def _rows(example: ModuleType, arguments: list[str], capsys: pytest.CaptureFixtu
     return rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["price_of_friction"], indirect=True)
 def test_json_is_one_list(example: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     rows = _rows(example, ["--quick", "--only", "P2", "--rounds", "1"], capsys)

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu import preparation, scene_from_dict
+from latin_fmu import scene_from_dict
 from latin_fmu.api import solve
 from latin_fmu.assembly.build import discretise
-from latin_fmu.effects import modal_choice
+from latin_fmu.effects import cost, modal_choice
+from latin_fmu.effects.explanation import explain
 from latin_fmu.effects.modal_choice import tries_modes
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.results.estimates import TruncationError
@@ -32,7 +33,7 @@ def joint(**solver: Any) -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def always_pays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenes are small here."""
-    monkeypatch.setattr(preparation, "PAYS", 0.0)
+    monkeypatch.setattr(cost, "PAYS", 0.0)
 
 
 def test_modes_are_taken_with_an_error_that_is_not_exceeded() -> None:
@@ -96,8 +97,17 @@ def test_long_runs_that_do_not_fit_are_not_tried(monkeypatch: pytest.MonkeyPatch
 
 
 def test_small_scenes_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(preparation, "PAYS", 1e6)
-    assert solve(scene_from_dict(joint(reduction_error=0.5))).truncation is None
+    monkeypatch.setattr(cost, "PAYS", 1e6)
+    scene = scene_from_dict(joint(reduction_error=0.5))
+    assert solve(scene).truncation is None
+    assert "march" not in explain(scene).choices
+
+
+def test_explain_says_that_modes_are_tried() -> None:
+    """Where a run takes them, and with the error above which it does not."""
+    march = explain(scene_from_dict(joint(reduction_error=0.03))).choices["march"]
+    assert march.startswith("by the modes of the assembly")
+    assert "above 3 %" in march
 
 
 @pytest.mark.parametrize("allowed", [0.1, 1e-5])

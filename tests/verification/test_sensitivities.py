@@ -215,7 +215,10 @@ def apart(own: np.ndarray, more: np.ndarray, less: np.ndarray, value: float) -> 
 EVERY = (CRUSHING, HAMMER, SHEAR, BOUNCE, DAMPED, PLATES, BOLTED, MATERIALS, LANDING, STRAINED, *OTHERS)
 
 
-@pytest.mark.parametrize("case", EVERY, ids=lambda case: f"{case[0]}-{case[2][0]}")
+BY_HISTORIES = [pytest.param(case, marks=[pytest.mark.slow] * (case[0] == "lap_joint")) for case in EVERY]
+
+
+@pytest.mark.parametrize("case", BY_HISTORIES, ids=lambda case: f"{case[0]}-{case[2][0]}")
 def test_histories_are_those_of_central_differences(case: Case) -> None:
     """Tractions and velocities at every point and instant; no state changes within the differences."""
     for d in differentiated(case).sensitivities.derivatives:

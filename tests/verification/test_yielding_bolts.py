@@ -144,6 +144,7 @@ def test_elongations_that_still_change_are_not_trusted(tmp_path: Path, monkeypat
     assert "not trustworthy: plastic elongations of bolts change" in solution.status
 
 
+@pytest.mark.slow
 def test_a_pulse_overloads_a_bolt(tmp_path: Path) -> None:
     """In motion: the tension never leaves the bounds F_y + H q, and is there where q grows; the energies balance."""
     files = write_joint(tmp_path)
