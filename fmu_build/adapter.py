@@ -175,29 +175,20 @@ class KeptStates(Opened):
         return self._status()
 
 
-class ModelExchangeAdapter(KeptStates):
-    """Adapter to a ``ReducedModelInstance`` of ``latin_fmu.model_exchange``.
+class Adapter(KeptStates):
+    """Base of the adapter: life cycle and numbers.
 
     Parameters
     ----------
     resources, name, token : as for ``Opened``.
-
-    Attributes
-    ----------
-    fmi_instance : takes the calls.
     """
-
-    needed: ClassVar[Mapping[str, str]] = {"numpy": "2.0", "pydantic": "2.10"}
 
     def __init__(self, resources: str, name: str, token: str) -> None:
         super().__init__(resources, name, token)
         self.fmi_instance = self._open()
 
     def _open(self) -> Any:
-        system = self._module("model_exchange.equations")
-        reduced = system.ReducedSystem.from_bytes(self._content("reduced.bin"))
-        names = system.Names.from_text(self._content("variables.json").decode())
-        return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self._log())
+        raise NotImplementedError
 
     def reset(self) -> int:
         """Return to the state after instantiation."""
@@ -232,11 +223,6 @@ class ModelExchangeAdapter(KeptStates):
         self._array(values)[:] = read
         return self._status() if self._messages else OK
 
-    def set_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
-        done = self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
-        return self._status() & PENDING if done and self.fmi_instance.variables.fixed else self._status()
-
     def directional_derivative(
         self, _unknowns: memoryview, _knowns: memoryview, _seed: memoryview, _values: memoryview
     ) -> int:
@@ -250,6 +236,23 @@ class ModelExchangeAdapter(KeptStates):
     def set_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
         """Set the strings of variables."""
         return self._refused("this FMU has no strings")
+
+
+class ModelExchangeAdapter(Adapter):
+    """Adapter to a ``ReducedModelInstance`` of ``latin_fmu.model_exchange``."""
+
+    needed: ClassVar[Mapping[str, str]] = {"numpy": "2.0", "pydantic": "2.10"}
+
+    def _open(self) -> Any:
+        system = self._module("model_exchange.equations")
+        reduced = system.ReducedSystem.from_bytes(self._content("reduced.bin"))
+        names = system.Names.from_text(self._content("variables.json").decode())
+        return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self._log())
+
+    def set_numbers(self, references: memoryview, values: memoryview) -> int:
+        """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
+        done = self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
+        return self._status() & PENDING if done and self.fmi_instance.variables.fixed else self._status()
 
     def set_time(self, time: float) -> int:
         """Set the time of the next evaluations, s."""

@@ -18,7 +18,7 @@ import latin_fmu
 from latin_fmu.api import computable
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
-from latin_fmu.cosim import runtime
+from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.variable import Variable
 from latin_fmu.errors import InputError, NeedsPythonError, Problem
 from latin_fmu.latin.settings import accuracy_of
@@ -90,7 +90,7 @@ def package_files() -> Files:
         if inside.parts[0] not in _LEFT_OUT:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
     # the library is recognised by them, and made of them where there is none for a machine
-    files |= {f"latin_fmu/cosim/runtime/{path.name}": path.read_bytes() for path in runtime.sources()}
+    files |= {f"latin_fmu/cosim/runtime/{path.name}": path.read_bytes() for path in c_runtime.sources()}
     # not the portable library: on a processor without AVX2 numba compiles
     files |= {f"latin_fmu/{p.name}": p.read_bytes() for p in library.shipped() if not p.stem.endswith("-portable")}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()

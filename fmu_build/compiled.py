@@ -21,7 +21,7 @@ import numpy as np
 import latin_fmu
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
-from latin_fmu.cosim import runtime
+from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.communication import CommunicationRun, write
 from latin_fmu.cosim.image_maker import LEFT_OUT
 from latin_fmu.cosim.table_file import Identity, RecordPart, checksum, output_places, table_file
@@ -91,7 +91,7 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
     ------
     NeedsPythonError : there is none that was made from these sources.
     """
-    known, end = runtime.digest().encode(), "-portable" if portable else ""
+    known, end = c_runtime.digest().encode(), "-portable" if portable else ""
     made = {path.stem.removeprefix("_kernels-"): path for path in library.shipped()}
     wanted = {name.removesuffix(end): made[name] for name in made if name.endswith("-portable") == portable}
     fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}

@@ -643,7 +643,8 @@ def test_wheels(target, tag, kinds, tmp_path):
     models = {f"latin_fmu/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("models/**/*.*")}
     assert {name for name in names if name.startswith("latin_fmu/models/")} == {m for m in models if ".nc" not in m}
     assert {name.split(".")[-1] for name in libraries} == kinds
-    assert {name.split(".")[-1] for name in names if "_bridge-" in name} == kinds
+    for kind in ("_maker-", "_exchange-"):
+        assert {name.split(".")[-1] for name in names if kind in name} == kinds
     assert "latin_fmu/pictures/viewer.html" in names
     if not target:
         run_the_first_commands(wheel, tmp_path)

@@ -26,7 +26,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from latin_fmu.compiled.library import suffix, target
-from latin_fmu.cosim import runtime
+from latin_fmu.cosim import c_runtime
 
 HERE: Final = Path(__file__).parent
 BUILD: Final = HERE.parents[1] / "build"
@@ -53,19 +53,19 @@ def sources(kind: Kind) -> list[Path]:
     """The C sources of a library, in the order of compilation."""
     own = [HERE / "interpreter.c", HERE / ("make.c" if kind == "maker" else "exchange.c")]
     if kind == "maker":
-        return [*own, *(path for path in runtime.sources() if path.suffix == ".c")]
-    return [*own, *(runtime.HERE / name for name in ("common.c", "calls.c", "fmi2.c", "fmi3.c"))]
+        return [*own, *(path for path in c_runtime.sources() if path.suffix == ".c")]
+    return [*own, *(c_runtime.HERE / name for name in ("common.c", "calls.c", "fmi2.c", "fmi3.c"))]
 
 
 def options(kind: Kind) -> list[str]:
     """Options of the compiler for a library."""
-    return [f"-I{runtime.HERE}", *(("-DLATIN_FMU_WITHOUT_KERNELS", "-DLATIN_FMU_MAKES") if kind == "maker" else ())]
+    return [f"-I{c_runtime.HERE}", *(("-DLATIN_FMU_WITHOUT_KERNELS", "-DLATIN_FMU_MAKES") if kind == "maker" else ())]
 
 
 def file_name(target: str, kind: Kind) -> str:
     """Name of a library for an operating system and processor; it holds the digest of its sources."""
     digest = hashlib.sha256()
-    for path in (HERE / "interpreter.h", runtime.HERE / "instance.h", runtime.HERE / "runtime.h", *sources(kind)):
+    for path in (HERE / "interpreter.h", c_runtime.HERE / "instance.h", c_runtime.HERE / "runtime.h", *sources(kind)):
         digest.update(path.read_bytes().replace(b"\r\n", b"\n"))  # as git writes them on Windows
     return f"_{kind}-{target}-{digest.hexdigest()[:12]}{suffix(target)}"
 

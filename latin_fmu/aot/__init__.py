@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ..compiled import library, with_numba
 from ..compiled.declare import Entry, Kernel
-from ..cosim import runtime
+from ..cosim import c_runtime
 
 _LOG = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ def build(folder: Path, targets: Sequence[str]) -> list[Path]:
     package = library.PACKAGE
     sources = library.sources_of(package)
     manifest = "\n".join([*(source.as_posix() for source in sources), library.digest_of(package, sources)])
-    key = _key(manifest, "*.py", "*.c", runtime.digest())
+    key = _key(manifest, "*.py", "*.c", c_runtime.digest())
     wanted = {target: folder / library.file_name(target) for target in targets}
     missing = {t: path for t, path in wanted.items() if not _is_of(path, key)}
     if missing:

@@ -1,6 +1,6 @@
 """Link object file and C files to a library for a target by the compiler of ``ziglang``; allowed symbols.
 
-The C files are a stub, which kernels need, and the runtime of co-simulation (``cosim.runtime``).
+The C files are a stub, which kernels need, and the runtime of co-simulation (``cosim.c_runtime``).
 Undefined symbols of an object file and of a library are compared to the lists of those that they may need.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from ..cosim import runtime
+from ..cosim import c_runtime
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
         (Path(folder) / "kernels.o").write_bytes(content)
         export = "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
         text = manifest.replace("\n", "\\n")
-        texts = {"latin_fmu_manifest": text, "latin_fmu_functions": runtime.digest()}
+        texts = {"latin_fmu_manifest": text, "latin_fmu_functions": c_runtime.digest()}
         lines = [f'{export} const char {name}[] = "{value}";\n' for name, value in texts.items()]
         source.write_text("".join(lines), encoding="utf-8")
         command = [
@@ -175,7 +175,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             str(Path(folder) / "kernels.o"),
             str(_STUB),
             str(source),
-            *(str(path) for path in runtime.sources() if path.suffix == ".c"),
+            *(str(path) for path in c_runtime.sources() if path.suffix == ".c"),
             *(() if "windows" in target.zig else ("-lm",)),
             *(("-Wl,--no-undefined",) if "linux" in target.zig else ()),
             # the name by which others would link it, and not the path where it is made

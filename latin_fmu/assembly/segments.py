@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -16,7 +16,7 @@ from ..fem.mesh import Array
 from ..latin.assembly import Assembly, GroundState
 from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
-from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
+from ..latin.state_serialization import decode, encode
 from ..latin.status import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
@@ -28,10 +28,6 @@ from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium
 
 _ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
-_OWN_SIZES = ("start", "running")  # entries of a snapshot whose size depends on the run
-_MAY_BE_NONE = ("stored",)
-_DEEPEST = 0.1  # of the size of the assembly: a deeper penetration of a contact without layers is no result of a run
-_SAME_GAP = 1e-9  # of the size of the assembly: difference of gaps by round-off
 RUNNING: Final = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
 
 
@@ -118,7 +114,6 @@ class SegmentState:
                 settings=replace(settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance),
             )
         self._laws = {n: law for n, law in scene.force_laws.items() if isinstance(law, InputLaw)}
-        self._inputs = list(self._laws)
         self._amplitudes: dict[str, float] | None = None  # of the static start
         self.timings = Timings()
         self.made = 0
@@ -213,21 +208,17 @@ class SegmentState:
         )
 
     # -- states ---------------------------------------------------------------------------------------------------
-    def get_state(self, into: Array | None = None) -> dict[str, Any] | None:
+    def get_state(self) -> dict[str, Any] | None:
         """Copy of the state of the image, and what is known beside it: all that determines the next segment to the last
-        bit; None at t = 0. ``into`` : where the copy is made."""
+        bit; None at t = 0."""
         if self.run is None:
             return None
-        state = self.run.image.state
-        if into is None or len(into) != len(state):
-            into = np.empty(len(state))
-        np.copyto(into, state)
         return {
             "made": self.made,
             "start": self._amplitudes,
             "running": dict(self.running),
             "stored": self.stored,
-            "state": into,
+            "state": self.run.image.state.copy(),
         }
 
     def set_state(self, state: Mapping[str, Any] | None) -> None:
@@ -324,48 +315,20 @@ class SegmentedRun(SegmentState):
         """The state as bytes, with a version number."""
         return encode(self.get_state(), self._kind)
 
-    def restore(self, blob: bytes, check: bool = False) -> None:
+    def restore(self, blob: bytes) -> None:
         """Back to a snapshot of the same scene, taken by this or another instance.
-
-        check : compare sizes, kinds and ranges of its numbers with those of this run before it is used.
 
         Raises
         ------
-        InputError : bytes that are no such snapshot; the state is unchanged, but with ``check`` the caller restores.
+        InputError : bytes that are no such snapshot; the state is unchanged.
         """
         state = decode(blob, self._kind)
-        if check and state is not None:
-            _check_opening(self._inputs, state)
         if state is not None:
             self.settle(state["start"] or {})
             if self.run is None:  # not started yet: histories and a run must exist
                 with one_thread():
                     self.begin(1, {})
-            if check:
-                check_like(state, self.get_state(), "state", _OWN_SIZES, _MAY_BE_NONE)
         self.set_state(state)
-        if check and state is not None:
-            assert self.run is not None
-            _check_marks(self.run)
-
-    def check_gaps(self, stated: Mapping[str, Array]) -> None:
-        """Compare the gaps of the present state, and those stated (n_point,) by interface, with the displacements and
-        the size of the assembly. Raises InputError."""
-        assembly = self.problem.assembly
-        if self.run is None:  # at t = 0: the displacements are set when the run starts
-            return
-        nodes = np.concatenate([about.nodes for about in self.problem.info.values()])
-        size = float(np.ptp(nodes, axis=0).max())
-        gaps, own = assembly.gaps(), self.run.gaps()
-        for g, group in enumerate(assembly.layout.groups):
-            if not group.behaviour.opens:
-                continue
-            if not group.behaviour.elastic and (gaps[g] < -_DEEPEST * size).any():
-                raise unlike("state", f"a gap of {gaps[g].min():g} m, which no contact of this scene can have")
-            for i, members in group.members.items():
-                given = () if i in assembly.ground.start else (stated[assembly.interfaces[i].name], own[g][members])
-                if any((np.abs(known - gaps[g][members]) > _SAME_GAP * size).any() for known in given):
-                    raise unlike("state", "gaps that do not follow from its displacements")
 
 
 # -- motions from outside: part of the state in the image --------------------------------------------------------------
@@ -398,31 +361,3 @@ def _motions_of(propagator: Propagator) -> tuple[int, int, int]:
     """Histories of a prescribed motion, prescribed motions of a member, and members."""
     histories = STRAIN + len(propagator.branches)
     return histories, propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
-
-
-# -- the check of what comes from outside ------------------------------------------------------------------------------
-def _check_opening(inputs: Collection[str], tree: Any) -> None:
-    """Compare the entries of a snapshot whose size changes during a run. ``inputs`` : loads set from outside.
-
-    Raises InputError.
-    """
-    if not isinstance(tree, dict) or not {"made", *_OWN_SIZES} <= set(tree):
-        raise unlike("state", "other entries than here")
-    for name in ("made", *_OWN_SIZES):
-        if tree[name] is not None:
-            check_numbers(tree[name], f"state.{name}")
-    if not isinstance(tree["made"], int) or tree["made"] < 0:
-        raise unlike("state.made", "a number of time steps that there cannot be")
-    for name, known in (("start", inputs), ("running", RUNNING)):
-        if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
-            raise unlike(f"state.{name}", "other entries than here")
-
-
-def _check_marks(run: Run) -> None:
-    """Check the numbers of the present state that the kernels decide by. Raises InputError."""
-    for c, propagator in enumerate(run.assembly.propagators):
-        image, moves = run.image, any(field.any() for field in propagator.state.fields)
-        if float(image.class_field(c, "rest", 1)[0]) not in ((0.0,) if moves else (0.0, 1.0)):
-            raise unlike("state.state", "a body that moves is marked as one at rest")
-        if image.row(c)["accounted"] and float(image.class_field(c, "turn", 1)[0]) not in (0.0, 1.0, 2.0):
-            raise unlike("state.state", "a place of the account of energies that there is not")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, SolverError
 from ..latin.outcome import Array
-from . import runtime
+from . import c_runtime
 from .handed_run import HandedRun, address
 
 OK, WARNING, DISCARD, ERROR = range(4)
@@ -80,7 +80,7 @@ class Engine:
         messages = self._messages
         self._log = _LOG(lambda status, text: messages.append((status, text.decode(errors="replace"))))
         self._handed, self._n_input, self._n_output = handed, n_input, n_output
-        self._library: Any = runtime.loaded()
+        self._library: Any = c_runtime.loaded()
         self._functions = {name: self._function(name) for name in ("open", "view", "step", "initialize", "derivative")}
         self._functions["open"].restype = c_void_p
         instance: int | None = self._functions["open"](byref(handed.process), self._log)
@@ -268,7 +268,7 @@ def wrong_history(times: Array, values: Array) -> str:
     text = ctypes.create_string_buffer(_LONGEST)
     t, a = (np.ascontiguousarray(part) for part in (times, values))
     places = c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a)), text, c_size_t(_LONGEST)
-    return text.value.decode() if runtime.loaded().latin_fmu_wrong_history(*places) else ""
+    return text.value.decode() if c_runtime.loaded().latin_fmu_wrong_history(*places) else ""
 
 
 def _freed(shared: Any, instance: int, _kept: object) -> None:

@@ -16,10 +16,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..compiled import library
+from ..compiled import PLAIN, library
 from ..kernels import entries
 from ..kernels.records import CLASS, GROUP, RUN
-from ..propagator.image import pools_of
+from ..propagator.image import pools_of, work_on
 from .communication import WORDS, CommunicationRun, header
 
 ABOUT_TO, HAVE_MADE, WORKS_ON = range(3)
@@ -56,7 +56,7 @@ def address(array: Any) -> int:
 
 def _kernels() -> Any:
     """The entry of the kernels for C: that of their library, else a function of Python that calls them."""
-    shared = library.loaded()
+    shared = None if PLAIN else library.loaded()
     if shared is not None:
         return ctypes.cast(shared.kernels_entries_call_0, c_void_p)
 
@@ -64,11 +64,13 @@ def _kernels() -> Any:
         block = [(slots[2 * i], slots[2 * i + 1]) for i in range(9)]
         kinds: tuple[Any, ...] = (RUN, CLASS, GROUP, np.dtype(float), np.dtype(float))
         arrays = [
-            np.frombuffer((ctypes.c_char * (kind.itemsize * n)).from_address(at), kind) if n else np.zeros(0, kind)
-            for kind, (at, n) in zip(kinds, (*block[:4], block[7]), strict=True)
+            np.frombuffer((ctypes.c_char * (item.itemsize * n)).from_address(at), item) if n else np.zeros(0, item)
+            for item, (at, n) in zip(kinds, (*block[:4], block[7]), strict=True)
         ]
+        kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
+        records = (array.view(kind) for array in arrays[:3])
         try:
-            done = entries.call(pools_of(*arrays), *(slots[18 + i] for i in range(5)))
+            done = entries.call(pools_of(*records, *arrays[3:]), *(slots[18 + i] for i in range(5)))
         except MemoryError:
             return 1
         c_int64.from_address(result).value = done
@@ -151,7 +153,7 @@ class HandedRun:
         try:
             image.callouts.check()  # of what was done in the block before
         finally:
-            image.work_on(np.ctypeslib.as_array((ctypes.c_double * b).from_address(a)))
+            work_on(image, np.ctypeslib.as_array((ctypes.c_double * b).from_address(a)))
 
     def _take_part(self, what: int, a: int, b: int, c: int) -> None:
         """Before and after a call of the kernels."""

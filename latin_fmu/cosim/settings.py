@@ -11,7 +11,6 @@ from ..scene.schema import Scene
 from ..scene.settings import MAX_ITERATIONS
 from .variables import CAUSAL, PRESCRIBED, WINDOWED
 
-SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off of the times of the host
 MAX_INSTANTS = 1_000_000  # of one communication step, or of the interval of prescribed mode
 EARLY = 1e-6  # of the step: largest distance of its start from the present time
 

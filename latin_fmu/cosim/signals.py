@@ -120,6 +120,37 @@ class SignalPlaces:
             moved = factor * strength * shapes
             self._add_motions(rows, row, (place.number, STRAIN + j, place.member), moved)
 
+    def _static_rows(self, name: str) -> sp.csr_array:
+        """Part (3, n) of the reaction of a moved face (``latin.probes``) that its displacements, velocities and loads
+        give."""
+        place, support = self.probes.places["force"][name], self._request.supports[name]
+        member, forcing = place.member, self._assembly.propagators[place.number].forcing
+        rows, first = sp.lil_array((3, self.n)), place.part.start
+        for axis in range(3):
+            for kind in range(2):
+                self._add_read(rows, axis, kind, place)
+            self._add_strains(rows, axis, place, first + axis, place.shapes[axis])
+            terms = zip(forcing.members[member].loads, forcing.amplitudes[member], support.loads, strict=True)
+            for load, amplitude, resultant in terms:
+                self._add_load(rows, axis, load.name, amplitude, -resultant[axis])
+        return sp.csr_array(rows)
+
+    def _inertia_rows(self, name: str) -> sp.csr_array:
+        """Part (3, n) that its accelerations and the tractions of the interfaces give."""
+        place, support = self.probes.places["force"][name], self._request.supports[name]
+        rows, channels = sp.lil_array((3, self.n)), self._assembly.channels[place.number][:, place.member]
+        for axis in range(3):
+            self._add_read(rows, axis, 2, place)
+            for channel, area in zip(channels, support.spread[:, axis], strict=True):
+                # - e T^T area F: the tractions of all channels of the body
+                rows[axis, int(channel)] -= area
+        return sp.csr_array(rows)
+
+    def _add_read(self, rows: Any, axis: int, kind: int, place: ProbePlace) -> None:
+        """Add displacements (0), velocities (1) or accelerations (2) that a place of a support reads."""
+        rows[axis, self._sensor(place.number, kind, place.part.start + 3 * kind + axis, place.member)] = 1.0
+        self._add_motions(rows, axis, (place.number, kind, place.member), place.shapes[3 * kind + axis])
+
 
 class Signals(SignalPlaces):
     """The outputs of an assembly that follow from its signals.
@@ -276,37 +307,6 @@ class Signals(SignalPlaces):
                 incident[axis % 3, place], impedance[axis % 3] = 1.0, z
         braked = sp.csr_array(sp.diags_array(impedance) @ self.port_motion(name, turned, 1))
         return sp.csr_array(incident) - braked if sign > 0.0 else 2.0 * braked - sp.csr_array(incident)
-
-    def _static_rows(self, name: str) -> sp.csr_array:
-        """Part (3, n) of the reaction of a moved face (``latin.probes``) that its displacements, velocities and loads
-        give."""
-        place, support = self.probes.places["force"][name], self._request.supports[name]
-        member, forcing = place.member, self._assembly.propagators[place.number].forcing
-        rows, first = sp.lil_array((3, self.n)), place.part.start
-        for axis in range(3):
-            for kind in range(2):
-                self._add_read(rows, axis, kind, place)
-            self._add_strains(rows, axis, place, first + axis, place.shapes[axis])
-            terms = zip(forcing.members[member].loads, forcing.amplitudes[member], support.loads, strict=True)
-            for load, amplitude, resultant in terms:
-                self._add_load(rows, axis, load.name, amplitude, -resultant[axis])
-        return sp.csr_array(rows)
-
-    def _inertia_rows(self, name: str) -> sp.csr_array:
-        """Part (3, n) that its accelerations and the tractions of the interfaces give."""
-        place, support = self.probes.places["force"][name], self._request.supports[name]
-        rows, channels = sp.lil_array((3, self.n)), self._assembly.channels[place.number][:, place.member]
-        for axis in range(3):
-            self._add_read(rows, axis, 2, place)
-            for channel, area in zip(channels, support.spread[:, axis], strict=True):
-                # - e T^T area F: the tractions of all channels of the body
-                rows[axis, int(channel)] -= area
-        return sp.csr_array(rows)
-
-    def _add_read(self, rows: Any, axis: int, kind: int, place: ProbePlace) -> None:
-        """Add displacements (0), velocities (1) or accelerations (2) that a place of a support reads."""
-        rows[axis, self._sensor(place.number, kind, place.part.start + 3 * kind + axis, place.member)] = 1.0
-        self._add_motions(rows, axis, (place.number, kind, place.member), place.shapes[3 * kind + axis])
 
     def tension(self, name: str) -> sp.csr_array:
         """Tension of a bolt."""

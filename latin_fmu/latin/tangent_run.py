@@ -105,7 +105,7 @@ class TangentRun(RunState):
         self._set_first_row(first)
         image.write()
         for g, group in enumerate(self._solved.assembly.layout.groups):
-            self._give(g, group, first, slice(n))
+            self._give(g, group, first, slice(0, n))
         if forces is not None:
             forces(n, 0)
         done = image.call(entries.TANGENT, first, n)

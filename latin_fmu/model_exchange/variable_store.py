@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
-from typing import Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 
 from ..cosim.variable import Variable
 from ..errors import InputError, LatinError, Problem
-from ..latin.outcome import Array
+
+if TYPE_CHECKING:  # not needed by an FMU that is only looked at
+    from ..latin.outcome import Array
 
 WARNING = 1
 DISCARD = 2

@@ -351,11 +351,6 @@ class Image:
             self._write_records()
 
     # -- use ----------------------------------------------------------------------------------------------------
-    def work_on(self, moving: Array) -> None:
-        """Let functions that the kernels call find their numbers in another moving block of this layout, which a caller
-        beside Python hands to the kernels."""
-        self.moving, self._views = moving, {}
-
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
         """Do an action of ``kernels.entries``; what it returns."""
         self.write()
@@ -427,20 +422,10 @@ class Image:
         return self.moving[: self._n_state]
 
 
-@contextmanager
-def aside(image: Image, room: int) -> Iterator[None]:
-    """Context with a copy of the moving block that has ``room`` numbers behind it: what the kernels change there, and
-    in the records, is as before after it."""
-    kept = image.moving
-    try:
-        image.moving = class_record.grown(kept, len(kept) + room)
-        image._written = False
-        image._views = {}
-        yield
-    finally:
-        image.moving = kept
-        image._written = False
-        image._views = {}
+def work_on(image: Image, moving: Array) -> None:
+    """Let functions that the kernels call find their numbers in another moving block of this layout, which a caller
+    beside Python hands to the kernels."""
+    image.moving, image._views = moving, {}
 
 
 def take_marched(image: Image) -> tuple[int, int]:

@@ -6,6 +6,7 @@ import ast
 import os
 import re
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.cosim import Session, Settings, runtime
+from latin_fmu.cosim import Session, Settings, c_runtime
 
 from .scenes import blocks
 
@@ -47,7 +48,7 @@ def test_a_step_enters_two_files_of_python_and_one_of_c() -> None:
         sys.setprofile(None)
     assert report
     assert entered == {"session.py", "engine.py"}
-    text = {path.name: path.read_text() for path in runtime.sources()}
+    text = {path.name: path.read_text() for path in c_runtime.sources()}
     of_a_step = ("latin_fmu_step(", "int64_t march(", "int advanced(", "int marched(", "int64_t communicated(")
     for function in of_a_step:
         assert [name for name in text if re.search(rf"^[^\s/#].*{re.escape(function)}.*\)$", text[name], re.M)] == [
@@ -56,7 +57,7 @@ def test_a_step_enters_two_files_of_python_and_one_of_c() -> None:
 
 
 def sentences_of_c() -> Iterator[str]:
-    for path in runtime.sources():
+    for path in c_runtime.sources():
         code = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.S)
         for literal in re.finditer(r'"(?:[^"\\]|\\.)*"(?:\s*"(?:[^"\\]|\\.)*")*', code):
             yield "".join(re.findall(r'"((?:[^"\\]|\\.)*)"', literal[0]))
@@ -153,14 +154,32 @@ def test_what_is_recorded_does_not_change_the_numbers() -> None:
 
 
 def test_no_library_and_no_compiler_is_said(monkeypatch) -> None:
-    monkeypatch.setattr(runtime, "_digest_in", lambda _: "of other files")
-    monkeypatch.setattr(runtime.shutil, "which", lambda _: None)
-    monkeypatch.setattr(runtime, "find_spec", lambda _: None)
-    monkeypatch.setattr(runtime, "digest", lambda: "0" * 64)  # of no library that is there
-    runtime.loaded.cache_clear()
+    monkeypatch.setattr(c_runtime, "_digest_in", lambda _: "of other files")
+    monkeypatch.setattr(c_runtime.shutil, "which", lambda _: None)
+    monkeypatch.setattr(c_runtime, "find_spec", lambda _: None)
+    monkeypatch.setattr(c_runtime, "digest", lambda: "0" * 64)  # of no library that is there
+    c_runtime.loaded.cache_clear()
     try:
         session = Session(blocks())
         with pytest.raises(latin_fmu.errors.InputError, match=r"is missing here, and so is a C compiler.*ziglang"):
             session.initialize()
     finally:
-        runtime.loaded.cache_clear()
+        c_runtime.loaded.cache_clear()
+
+
+def test_kernels_outside_the_library_make_the_same_steps() -> None:
+    """As plain Python, for a debugger; where there is no library numba's are called in the same way."""
+    code = (
+        "from latin_fmu.cosim import Session\n"
+        "from tests.cosim.scenes import bar\n"
+        "session = Session(bar())\n"
+        "session.initialize()\n"
+        "assert all(session.step(0.02 * i, 0.02) for i in range(4))\n"
+        "print(session.row.tolist())\n"
+    )
+    rows = []
+    for compiled in ("", "setup"):
+        environment = {**os.environ, "LATIN_FMU_COMPILE": compiled}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        rows.append(np.array(ast.literal_eval(done.stdout)))
+    assert rows[1] == pytest.approx(rows[0], rel=1e-11, abs=1e-9)

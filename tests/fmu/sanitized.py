@@ -19,7 +19,7 @@ import fmu_build.compiled
 from fmu_build import bridge
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
-from latin_fmu.cosim import runtime
+from latin_fmu.cosim import c_runtime
 
 OPTIONS = ("-g", "-O1", "-fno-omit-frame-pointer", "-D_GNU_SOURCE", "-shared", "-fPIC")
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -37,8 +37,8 @@ def kernels_library(folder: Path, options: tuple[str, ...] = SANITIZERS, kernels
     """The library of a compiled FMU; ``kernels``: their object file, that of the source tree where there is none."""
     content = kernels or KERNELS.read_bytes()
     (folder / "kernels.o").write_bytes(content[content.index(_ELF) :])  # behind the key of its sources
-    (folder / "manifest.c").write_text(f'const char latin_fmu_functions[] = "{runtime.digest()}";\n')
-    files = [path for path in runtime.sources() if path.suffix == ".c"]
+    (folder / "manifest.c").write_text(f'const char latin_fmu_functions[] = "{c_runtime.digest()}";\n')
+    files = [path for path in c_runtime.sources() if path.suffix == ".c"]
     sources = [folder / "manifest.c", Path(linking.__file__).with_name("stub.c"), *files]
     more = (str(folder / "kernels.o"), "-fno-math-errno", "-fvisibility=hidden", "-lm")
     return made(folder / "kernels.so", sources, *more, options=options)
@@ -58,5 +58,5 @@ def sanitized_libraries() -> Iterator[None]:
         changed.setattr(bridge, "libraries", lambda kind: {own: bridged[kind]})
         content = {own: kernels_library(folder).read_bytes()}
         for place in (fmu_build.compiled, fmu_build.build):
-            changed.setattr(place, "libraries", lambda: content)
+            changed.setattr(place, "libraries", lambda _portable=False: content)
         yield

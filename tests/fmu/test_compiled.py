@@ -23,7 +23,7 @@ from fmu_build.compiled import libraries
 from latin_fmu import load_scene, open_results, solve
 from latin_fmu.aot import linking
 from latin_fmu.cli import main
-from latin_fmu.cosim import runtime
+from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.input_table import with_laws
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
@@ -97,7 +97,7 @@ def test_the_archive_of_the_crushing_is_small(tmp_path):
 
 
 def test_a_library_without_these_functions_is_not_used(monkeypatch):
-    monkeypatch.setattr(runtime, "digest", lambda: "of other C files")
+    monkeypatch.setattr(c_runtime, "digest", lambda: "of other C files")
     with pytest.raises(InputError, match="the library of compiled kernels is missing here; install a wheel"):
         libraries()
     for portable in (False, True):
@@ -396,7 +396,7 @@ def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi):
 
 
 def test_the_header_of_the_table_is_that_of_the_c_files():
-    text = (runtime.HERE / "runtime.h").read_text()
+    text = (c_runtime.HERE / "runtime.h").read_text()
     names = text.split("enum {")[1].split("}")[0].replace("\n", " ").split(",")
     assert [name.strip().removeprefix("T_").lower() for name in names] == [*HEADER, "header"]
 

@@ -19,10 +19,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from ...compiled import library
-from ...errors import InputError, Problem
+from ..compiled import library
+from ..errors import InputError, Problem
 
-HERE: Final = Path(__file__).parent
+HERE: Final = Path(__file__).with_name("runtime")
+"""Folder of the C files."""
 _OPTIONS: Final = ("-std=gnu99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-DLATIN_FMU_WITHOUT_KERNELS")
 
 
