@@ -22,7 +22,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-OK, WARNING, DISCARD, ERROR = 0, 1, 2, 3
+OK = 0
+WARNING = 1
+DISCARD = 2
+ERROR = 3
 PENDING = 256  # added to a status where messages wait
 SPACE = uuid.UUID("7d1b3c52-6c0e-5f0a-9a43-2f4b8e1d90aa")  # of the tokens made from contents
 DIGESTS = "digests.json"  # SHA-256 of the files of the folder ``resources``, by path

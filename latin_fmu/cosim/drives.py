@@ -105,7 +105,9 @@ class Drives:
     """Columns of the histories, motion state and initial state of an assembly for given amplitudes of its sources."""
 
     def __init__(self, run: SegmentedRun, sources: Sources) -> None:
-        self.assembly, self._timeline, self.sources = run.problem.assembly, run.problem.timeline, sources
+        self.assembly = run.problem.assembly
+        self._timeline = run.problem.timeline
+        self.sources = sources
         self.dt = run.dt
         for propagator in self.assembly.propagators:
             # all of them have terms, also those that are constant in this segment
@@ -118,7 +120,9 @@ class Drives:
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
         # without the histories of the segment before
-        assembly, dt, ground = self.assembly, self.dt, self._start
+        assembly = self.assembly
+        dt = self.dt
+        ground = self._start
         for propagator in assembly.propagators:
             propagator.restart()
         if state is not None:
@@ -243,7 +247,9 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     displacements, whose initial value the geometry contains, and inputs that the initial state depends on otherwise
     than linearly.
     """
-    sources, n_x, n_s = drives.sources, drives.n_state, len(drives.sources)
+    sources = drives.sources
+    n_x = drives.n_state
+    n_s = len(drives.sources)
     start, kinds = sources.initial(), np.array(sources.kinds, dtype=np.int64)
 
     def opening(amplitudes: Array) -> list[Array]:

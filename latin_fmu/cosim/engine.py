@@ -79,7 +79,9 @@ class Engine:
         self._messages: list[tuple[int, str]] = []
         messages = self._messages
         self._log = _LOG(lambda status, text: messages.append((status, text.decode(errors="replace"))))
-        self._handed, self._n_input, self._n_output = handed, n_input, n_output
+        self._handed = handed
+        self._n_input = n_input
+        self._n_output = n_output
         self._library: Any = c_runtime.loaded()
         self._functions = {name: self._function(name) for name in ("open", "view", "step", "initialize", "derivative")}
         self._functions["open"].restype = c_void_p
@@ -176,7 +178,9 @@ class Engine:
         ------
         InputError : no outputs or inputs, no step so far. SolverError : there is no derivative.
         """
-        n, m, values = len(unknowns), len(knowns), np.zeros(len(unknowns))
+        n = len(unknowns)
+        m = len(knowns)
+        values = np.zeros(len(unknowns))
         places = ((c_uint32 * n)(*unknowns), c_int64(n), (c_uint32 * m)(*knowns), c_int64(m))
         status = self._call("derivative", *places, (c_double * m)(*seed), c_void_p(address(values)))
         if status == DISCARD:

@@ -183,7 +183,9 @@ class HandedRun:
         """Raise what a call back has raised."""
         if self._raised is not None or not self._answered[0]:
             # without an error a signal came before the first line of the function that was called
-            raised, self._raised, self.raised = self._raised or KeyboardInterrupt(), None, False
+            raised = self._raised or KeyboardInterrupt()
+            self._raised = None
+            self.raised = False
             self._answered[0] = 1
             raise raised
         self._run.image.callouts.check()

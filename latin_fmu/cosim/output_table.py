@@ -57,7 +57,9 @@ class FacePoints(NamedTuple):
     @classmethod
     def over(cls, history: InterfaceHistory) -> FacePoints:
         """At the instants of a history; nothing for what it lacks."""
-        fields, areas, nothing = history.points_over_time, history.areas, np.zeros(0)
+        fields = history.points_over_time
+        areas = history.areas
+        nothing = np.zeros(0)
         gap = nothing if fields.gap is None else fields.gap
         own = fields.traction, fields.velocity, gap, fields.contact_status
         return cls(*own, areas, areas / areas.sum(), history.normals)

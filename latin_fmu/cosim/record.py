@@ -118,7 +118,9 @@ class WholeRecord(Record):
         amplitudes : (n_time, n_input) over the instants of the scene, of displacements their rates over the steps that
             begin there.
         """
-        image, laws, n = self._run.image, self._run.sources.table, len(amplitudes)
+        image = self._run.image
+        laws = self._run.sources.table
+        n = len(amplitudes)
         own = laws[:n] if len(laws) >= n else np.broadcast_to(laws[-1], (n, laws.shape[1]))
         image.call(entries.PRESENT, _PATH, 1)
         drives = image.field("drive", image.rows, int(image.run_fields["n_drive"]))

@@ -44,7 +44,9 @@ class SceneEngine:
     """
 
     def __init__(self, scene: Scene, settings: Settings, table: Sequence[Variable], identity: str) -> None:
-        self._scene, self._settings, self._identity = scene, settings, identity
+        self._scene = scene
+        self._settings = settings
+        self._identity = identity
         starts: dict[str, Any] = {name: getattr(settings, of) for name, of in _CHOICES.items()}
         starts["endTime"] = scene.time.end
         self._table = [replace(v, start=starts[v.name]) if v.name in starts else v for v in table]
@@ -190,7 +192,9 @@ class SceneEngine:
         if self.engine is None:
             return np.zeros(0), {}
         times, rows = self.engine.window()
-        histories, at, n = dict[str, InterfaceHistory](), 0, len(times)
+        histories = dict[str, InterfaceHistory]()
+        at = 0
+        n = len(times)
         for name, history in self._geometries().items():
             fields = dict[str, Any]()
             for what, (_, _, shape) in AT_POINTS.items():

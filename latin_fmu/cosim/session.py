@@ -74,7 +74,9 @@ class Session:
 
     def reset(self) -> None:
         """Return to before ``initialize``: loads at their start values, no histories. Operators are kept."""
-        self.time, self._t0, self.started = 0.0, 0.0, False
+        self.time = 0.0
+        self._t0 = 0.0
+        self.started = False
         self._loads.reset()
         self.row: Array = np.zeros(len(self.outputs))
         self.step_history.clear()

@@ -52,7 +52,9 @@ class Settings:
 
     def problems(self) -> list[Problem]:
         """Problems of the settings that are out of range; mode and interpolation are looked at by the runtime."""
-        tolerance, n, span = self.tolerance, self.max_iterations, ("must be a time span", "a finite number > 0")
+        tolerance = self.tolerance
+        n = self.max_iterations
+        span = ("must be a time span", "a finite number > 0")
         # round-off of doubles ends no iteration below it
         in_range = tolerance is None or 1e-14 <= tolerance < 1.0
         checks = (

@@ -64,7 +64,9 @@ class SignalPlaces:
         self._motions: list[int] = []
         of_motion = 0
         for c, propagator in enumerate(assembly.propagators):
-            m, rows, slides = len(propagator.members), self.probes.rows[c], self.probes.slide.rows[c]
+            m = len(propagator.members)
+            rows = self.probes.rows[c]
+            slides = self.probes.slide.rows[c]
             self._n_sensor.append(0 if rows is None else rows.shape[0])
             self._sensed.append(at)
             self._probed.append(at + propagator.n_sensed * self._n_sensor[-1] * m)

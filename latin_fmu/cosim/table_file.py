@@ -231,7 +231,9 @@ def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str,
     # below 0: the size is the value of a variable
     sizes = [size if isinstance(size, int) else -1 - references[size] for size in variable.dimensions]
     start = texts.place(str(variable.start or "")) if variable.kind == "string" else float(variable.start or 0.0)
-    kind, place, width = _ROLES.index(role[0]), role[1], role[2]
+    kind = _ROLES.index(role[0])
+    place = role[1]
+    width = role[2]
     about = [texts.place(variable.name), _KINDS.index(variable.kind), kind, place, width, len(sizes)]
     return [*about, *sizes, *[0] * (3 - len(sizes)), start]
 

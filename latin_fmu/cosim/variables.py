@@ -17,7 +17,10 @@ from .output_table import AT_POINTS, outputs_of
 from .variable import Kind, Variable, input_variable, output, parameter, variable_of
 
 WINDOWED, PRESCRIBED = 0, 1
-HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
+HOLD = 0
+RATE = 1
+LINE = 2
+CAUSAL = 3
 MAX_WINDOW = 100_000  # instants
 HISTORY = 101  # instants of the load histories, where the host sets no size: one array element each
 _INSTANTS = ("window.size",)

@@ -104,7 +104,9 @@ class WaveformMaster:
         depth: int = 5,
     ) -> None:
         self._peers, self._couplings = dict(peers), list(couplings)
-        self._tolerance, self._max, self._depth = tolerance, max_iterations, depth
+        self._tolerance = tolerance
+        self._max = max_iterations
+        self._depth = depth
         problems = [
             Problem(f"coupling {i}", "no such peer", side.peer, ", ".join(peers))
             for i, c in enumerate(couplings)
