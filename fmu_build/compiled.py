@@ -23,7 +23,6 @@ from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.communication import CommunicationRun, write
-from latin_fmu.cosim.image_maker import LEFT_OUT
 from latin_fmu.cosim.table_file import Identity, RecordPart, checksum, output_places, table_file
 from latin_fmu.cosim.variable import Variable
 from latin_fmu.cosim.variables import table_of
@@ -110,10 +109,8 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
 
 # -- variables ----------------------------------------------------------------------------------------------------
 def _variables(table: Sequence[Variable], constant: bool) -> Iterator[Variable]:
-    """The variables of the table that an FMU has; ``constant`` : whether its image is made beforehand."""
+    """The variables of an FMU; ``constant`` : whether its image is made beforehand."""
     for variable in table:
-        if variable.name in LEFT_OUT:
-            continue
         if constant and variable.name in _CONSTANTS:
             about = f"{variable.description.partition(',')[0].partition(';')[0]}; fixed when the FMU is made"
             yield replace(variable, causality="local", variability="constant", description=about)

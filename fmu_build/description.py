@@ -350,11 +350,7 @@ tenth of it, the tolerance on sqrt(eta) a fifth. It replaces the parameter <code
 itself.</li>
 <li>Energies are outputs where the scene says <code>output.energy = true</code>: their terms are computed at every
 instant, which can take longer than the solution itself.</li>
-<li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only. With
-<code>estimateError = 1</code> its group <code>accuracy</code> holds the estimated error of each quantity (impulse,
-contact instants, ...): the exchanged loads are run again with a coarser mesh and time step, which takes a fifth of the
-simulation time for solids, the whole of it for bars. Single outputs have no estimate, because it needs the
-whole history.</li>
+<li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
 <li>An interface that can open counts its contact events: <code>touches</code>, <code>separations</code>, and
 <code>slips</code> (all points in contact slip after one stuck). <code>lastTouch</code>, <code>lastSeparation</code> and
 <code>lastSlip</code> are the instants of the last ones, found inside the time step by a straight line through gap,

@@ -79,7 +79,7 @@ class ImageMaker:
 
         if self._scene is None:
             self._scene = completed(self._load())
-            self._table = tuple(v for v in scalar_table(self._scene) if v.name not in LEFT_OUT)
+            self._table = tuple(scalar_table(self._scene))
         return self._scene
 
     def _settings_of(self, numbers: Sequence[float], accuracy: float) -> Settings:
@@ -109,10 +109,6 @@ class ImageMaker:
     def close(self) -> None:
         """Free the images."""
         self._handed, self._started = [], None
-
-
-LEFT_OUT = ("estimateError",)
-"""Variables of a session that no FMU has: they need Python when the simulation ends."""
 
 
 def _netcdf(file: Path) -> dict[str, Array]:

@@ -59,8 +59,6 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "or the CSV table itself, its rows separated by line breaks or semicolons: time,NAME;0,0;1e-6,1",
     "resultsFile": "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where "
     "empty",
-    "estimateError": "1: the error of each quantity, from coarser runs made when the simulation is terminated, is "
-    "written to the results file",
 }
 """Descriptions of the parameters."""
 
@@ -76,7 +74,6 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
         ("maxIterations", "integer", solver.max_iterations, None, 1, MAX_ITERATIONS),
         ("historyFile", "string", "", None, None, None),
         ("resultsFile", "string", "", None, None, None),
-        ("estimateError", "integer", 0, None, 0, 1),
     )
     for name, kind, start, unit, minimum, maximum in rows:
         yield parameter(name, kind, start, _MEANINGS[name], unit=unit, minimum=minimum, maximum=maximum)
