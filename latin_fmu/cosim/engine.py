@@ -27,7 +27,7 @@ _CANNOT: Final = "the session cannot be used so"
 class _History(Structure):
     """``History`` of runtime/runtime.h."""
 
-    _fields_ = [("n", c_int64), ("t", POINTER(c_double)), ("value", POINTER(c_double)), ("told", c_int64)]
+    _fields_ = [("n", c_int64), ("t", POINTER(c_double)), ("value", POINTER(c_double)), ("from_process", c_int64)]
 
 
 class _View(Structure):

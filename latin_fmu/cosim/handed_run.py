@@ -24,8 +24,8 @@ from .communication import WORDS, CommunicationRun, header
 
 ABOUT_TO, HAVE_MADE, WORKS_ON = range(3)
 """Moments of a call back, as in runtime/runtime.h."""
-Tell = Callable[[int, int, int, int], None]
-_TELL: Final = ctypes.CFUNCTYPE(c_int64, c_int64, c_int64, c_int64, c_int64)
+Notify = Callable[[int, int, int, int], None]
+_NOTIFY: Final = ctypes.CFUNCTYPE(c_int64, c_int64, c_int64, c_int64, c_int64)
 _KERNELS: Final = ctypes.CFUNCTYPE(c_int32, POINTER(c_int64), c_void_p)
 _LONGEST: Final = 1000  # bytes of a message
 
@@ -41,7 +41,7 @@ class Process(Structure):
         ("fixed", c_void_p),
         ("moving", c_void_p),
         ("kernels", c_void_p),
-        ("tell", c_void_p),
+        ("notify", c_void_p),
         ("trouble", c_char_p),
         ("whole", c_int64),
         ("always", c_int64),
@@ -85,7 +85,7 @@ class HandedRun:
     Parameters
     ----------
     run : nothing but the runtime may change its image as long as this lives. table : of its variables
-        (``table_file.table_file``). tell : called with ABOUT_TO or HAVE_MADE and its numbers, around each call of the
+        (``table_file.table_file``). notify : called with ABOUT_TO or HAVE_MADE and its numbers, around each call of the
         kernels, or None; what it raises ends the step. A method of an object that is not kept alive. most : time steps
         of a call of the kernels. whole : whether the fields of the points are kept at all instants of a step.
 
@@ -95,12 +95,12 @@ class HandedRun:
     """
 
     def __init__(
-        self, run: CommunicationRun, table: bytes, tell: Tell | None = None, most: int = 0, whole: bool = False
+        self, run: CommunicationRun, table: bytes, notify: Notify | None = None, most: int = 0, whole: bool = False
     ) -> None:
         self._run = run
         run.image.write()
         self._raised: BaseException | None = None
-        self._method = None if tell is None else weakref.WeakMethod(tell)
+        self._method = None if notify is None else weakref.WeakMethod(notify)
         self._answered = np.ones(1, dtype=np.int64)
         this, answered = weakref.ref(self), self._answered
 
@@ -110,7 +110,7 @@ class HandedRun:
             answered[0] = 1  # C has set 0, for a signal that ends this function before here
             return stops
 
-        self._tell, self._entry = _TELL(called), _kernels()
+        self._notify, self._entry = _NOTIFY(called), _kernels()
         self._words = np.frombuffer(table, dtype=np.uint64).copy()
         self._head = np.frombuffer(header(run), dtype=np.uint64).copy()
         if most:
@@ -126,10 +126,10 @@ class HandedRun:
             address(image.fixed),
             address(image.moving),
             ctypes.cast(self._entry, c_void_p),
-            ctypes.cast(self._tell, c_void_p),
+            ctypes.cast(self._notify, c_void_p),
             ctypes.cast(self._trouble, c_char_p),
             int(whole),
-            int(tell is not None or bool(image.run[0]["callout"])),
+            int(notify is not None or bool(image.run[0]["callout"])),
             address(self._answered),
         )
 

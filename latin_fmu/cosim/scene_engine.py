@@ -74,7 +74,7 @@ class SceneEngine:
         )
         records = self._settings.keep or self._settings.prescribed
         most = 1 if records and self._reads_fields else run.steps
-        handed = HandedRun(run, table, self._tell if records else None, most, whole=True)
+        handed = HandedRun(run, table, self._notify if records else None, most, whole=True)
         self._known = {}
         sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
         self.engine = Engine(handed, *sizes, run.run.at_work if run.run.several else None)
@@ -152,7 +152,7 @@ class SceneEngine:
         loads.take(given, first, engine.histories())
         return engine
 
-    def _tell(self, what: int, made: int, n: int, whole: int) -> None:
+    def _notify(self, what: int, made: int, n: int, whole: int) -> None:
         """Called by the engine before (ABOUT_TO) and after it has called the kernels."""
         if self._record is None:
             return

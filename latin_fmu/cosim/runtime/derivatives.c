@@ -71,10 +71,10 @@ static int64_t derived(const Instance *c, int64_t which, const char *record, dou
     placed(&copy, own.made.t, own.made.h);
     int64_t rule = (int64_t)parameter(c, T_RULE, CAUSAL), status = STOPPED;
     int64_t begun = (int64_t)block[head[M_PROGRESS].i], size = (int64_t)(n_moving + room);
-    if (!told(&own, ABOUT_TO, begun, own.made.ended, own.made.whole) &&
-        !told(&own, WORKS_ON, (int64_t)(intptr_t)block, size, 0))
+    if (!notified(&own, ABOUT_TO, begun, own.made.ended, own.made.whole) &&
+        !notified(&own, WORKS_ON, (int64_t)(intptr_t)block, size, 0))
         status = act(&own, M_DERIVE, which, rule, own.made.ended, own.made.whole);
-    if (told(&own, WORKS_ON, (int64_t)(intptr_t)c->fmu->moving, (int64_t)n_moving, 0)) status = STOPPED;
+    if (notified(&own, WORKS_ON, (int64_t)(intptr_t)c->fmu->moving, (int64_t)n_moving, 0)) status = STOPPED;
     memcpy(column, block + head[M_OUTPUT].i, 8 * (size_t)own.image->n_output);
     aligned_free(block);
     return status;

@@ -52,7 +52,7 @@ EXPORT int latin_fmu_renew(Instance *c)
 EXPORT int latin_fmu_history(Instance *c, int64_t input, int64_t n, const double *t, const double *values)
 {
     int status = keep_history(c, input, n, t, values, "history");
-    if (status == OK) c->fmu->histories[input].told = 1;
+    if (status == OK) c->fmu->histories[input].from_process = 1;
     return status;
 }
 

@@ -155,7 +155,7 @@ static int cannot_be_written(const Instance *c, const char *path)
     return msg(c, ERROR, "resultsFile: %.500s cannot be written: give a path in a folder that can be written to", path);
 }
 
-/* Whether the file can be written when the simulation ends: told before it begins. */
+/* Whether the file can be written when the simulation ends: known before it begins. */
 int results_ready(const Instance *c)
 {
     const char *path = c->fmu->texts[table_of(c)[T_RESULTS].i];

@@ -189,26 +189,26 @@ int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made,
     return o->kernels(o->slots, &result) ? NO_MEMORY : result;
 }
 
-int told(const struct Object *o, int64_t what, int64_t a, int64_t b, int64_t c)
+int notified(const struct Object *o, int64_t what, int64_t a, int64_t b, int64_t c)
 {
     const Process *process = o->image->process;
-    if (process == NULL || process->tell == NULL) return 0;
+    if (process == NULL || process->notify == NULL) return 0;
     *process->answered = 0;
-    int64_t stops = process->tell(what, a, b, c);
+    int64_t stops = process->notify(what, a, b, c);
     return stops != 0 || *process->answered == 0;
 }
 
 /* Makes n time steps, behind ``made`` of the whole ones of a communication step; how many, or a negative result. The process
-   is told where it wants to be, where the tables of the laws of the scene end, and between the calls of a long step, which it
+   is notified where it wants to be, where the tables of the laws of the scene end, and between the calls of a long step, which it
    may stop. */
 static int64_t communicated(struct Object *o, int64_t n, int64_t rule, int64_t made, int64_t whole)
 {
     const Process *process = o->image->process;
     int64_t always = process != NULL && process->always, last = o->image->head[M_LAST_STEP].i;
     int64_t progress = (int64_t)o->moving[o->image->head[M_PROGRESS].i];
-    if ((always || (last >= 0 && progress + n > last)) && told(o, ABOUT_TO, progress, n, whole)) return STOPPED;
+    if ((always || (last >= 0 && progress + n > last)) && notified(o, ABOUT_TO, progress, n, whole)) return STOPPED;
     int64_t result = act(o, M_COMMUNICATE, n, rule, made, whole);
-    return (always || made + n < whole) && told(o, HAVE_MADE, made, result, whole) ? STOPPED : result;
+    return (always || made + n < whole) && notified(o, HAVE_MADE, made, result, whole) ? STOPPED : result;
 }
 
 /* A record of the run whose iteration has no differences, and a relaxation of 1/2; of the record as it is now. */

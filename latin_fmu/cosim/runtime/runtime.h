@@ -54,7 +54,7 @@ enum {
 
 /* What a process hands over that has made the image itself (latin_fmu/cosim/engine.py). The records and the blocks stay its
    own: it may change what is constant between two calls, and its functions for laws and factors (callouts) find the moving
-   block where they expect it. kernels: their entry. tell: NULL, or called at the moments below; a result other than 0 stops
+   block where they expect it. kernels: their entry. notify: NULL, or called at the moments below; a result other than 0 stops
    the step. */
 typedef struct {
     const Word *table;
@@ -64,11 +64,11 @@ typedef struct {
     const double *fixed;
     double *moving;
     int32_t (*kernels)(const int64_t *slots, void *result);
-    int64_t (*tell)(int64_t what, int64_t a, int64_t b, int64_t c);
-    const char *trouble; /* why tell has stopped a step */
+    int64_t (*notify)(int64_t what, int64_t a, int64_t b, int64_t c);
+    const char *trouble; /* why notify has stopped a step */
     int64_t whole;       /* whether fields of the points are kept at all instants of a step */
-    int64_t always;      /* whether tell is called before and after each call of the kernels */
-    int64_t *answered;   /* set by tell; else a signal has ended it before its first line, and the step is stopped */
+    int64_t always;      /* whether notify is called before and after each call of the kernels */
+    int64_t *answered;   /* set by notify; else a signal has ended it before its first line, and the step is stopped */
 } Process;
 /* ABOUT_TO: make b time steps, after a since the start, of a communication step of c; HAVE_MADE: b of those that were wanted,
    behind a of c; WORKS_ON: the kernels work on the moving block at address a, of b numbers, until the next one. */
@@ -106,11 +106,11 @@ char *content_of(const char *path, size_t *length); /* zero bytes behind it; fre
 void *aligned(size_t bytes);
 void aligned_free(void *);
 
-/* told: given by the process, not by a table of the host. */
+/* from_process: given by the process, not by a table of the host. */
 typedef struct {
     int64_t n;
     double *t, *value; /* one block, at t */
-    int64_t told;
+    int64_t from_process;
 } History;
 
 /* Rows of n instants from the first on: a number that no other row of the process has, outputs, fields of the points.
@@ -201,7 +201,7 @@ int solve_histories(Instance *);
 enum { NO_MEMORY = INT32_MIN, STOPPED, BEYOND_LAWS = -1 };
 int64_t act(struct Object *, int action, int64_t n, int64_t rule, int64_t made, int64_t whole); /* result of the kernels */
 const char *relaxed_record(struct Object *); /* of the run, for a time step that has stalled */
-int told(const struct Object *, int64_t what, int64_t a, int64_t b, int64_t c); /* whether the process stops the step */
+int notified(const struct Object *, int64_t what, int64_t a, int64_t b, int64_t c); /* whether the process stops the step */
 int64_t placed(Instance *, double t, double h);
 int refused_by_kernels(const Instance *, int64_t result, double t, int status);
 

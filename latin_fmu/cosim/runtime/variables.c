@@ -458,7 +458,7 @@ int set_histories(Instance *c)
     const char *text = reference < 0 ? "" : o->texts[reference];
     int status = OK;
     for (int64_t i = 0; i < n_input; i++)
-        if (!o->histories[i].told) o->histories[i].n = 0;
+        if (!o->histories[i].from_process) o->histories[i].n = 0;
     if (parameter(c, T_MODE, 0.0) != PRESCRIBED) {
         if (*text) msg(c, WARNING, "historyFile has no effect in windowed mode: set mode = 1");
         return OK;
