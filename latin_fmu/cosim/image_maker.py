@@ -1,7 +1,7 @@
 """What an FMU with Python needs Python for: the image of its run, made when a simulation begins.
 
-The runtime in C (``runtime``) makes the steps. It has the image of the parameters and start values that the host has set
-from here, and calls back where laws of the scene go on beyond its end, or where laws and factors are Python's.
+The runtime in C (``runtime``) makes the steps. It has the image of the parameters and start values that the host has
+set from here, and calls back where laws of the scene go on beyond its end, or where laws and factors are Python's.
 """
 
 from __future__ import annotations
