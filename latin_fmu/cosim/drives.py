@@ -300,17 +300,24 @@ def _is_affine(drives: Drives, start: Array, base: list[Array], e: int, unit: fl
     """Whether the initial state is an affine function of the amplitudes of an input at the first two instants. A
     residual is a difference of forces: its round-off is that of the forces of inertia."""
     changes, forces = [], np.zeros(len(drives.assembly.propagators))
-    for change in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)):
+    # without the input, from where the columns of the opening are taken: a body that slides at its start value may stand
+    back = -start[:, e] / unit
+    for change in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5), back):
         amplitudes = start.copy()
         amplitudes[:, e] += unit * np.array(change)
         drives.begin(amplitudes)
         changes.append([new - old for new, old in zip(drives.opening(), base, strict=True)])
         forces = np.maximum(forces, drives.inertia())
-    for k, (old, first, second, both) in enumerate(zip(base, *changes, strict=True)):
-        # affine: f(-2, 1/2) - f = -2 (f(1, 0) - f) + (f(0, 1) - f) / 2
-        off, scale = np.abs(both + 2.0 * first - 0.5 * second), np.abs(old) + np.abs(first) + np.abs(second)
+    for k, (old, first, second, both, without) in enumerate(zip(base, *changes, strict=True)):
+        # affine: f(a, b) - f = a (f(1, 0) - f) + b (f(0, 1) - f)
+        scale = np.abs(old) + np.abs(first) + np.abs(second)
         # fields are u, v, a and residual of each class in turn: 3 is the residual
         residual = forces[k // 4] if k % 4 == 3 and k // 4 < len(forces) else 0.0
-        if off.max(initial=0.0) > _AFFINE * max(scale.max(initial=0.0), residual):
+        allowed = _AFFINE * max(scale.max(initial=0.0), residual)
+        if np.abs(both + 2.0 * first - 0.5 * second).max(initial=0.0) > allowed:
+            return False
+        if np.abs(without - back[0] * first - back[1] * second).max(initial=0.0) > allowed * max(
+            1.0, np.abs(back).max()
+        ):
             return False
     return True

@@ -122,3 +122,36 @@ def test_steps_keep_the_rates_of_the_line() -> None:
         assert second.step(i * H, H)
     assert np.array_equal(first.row, second.row)
     assert first.dataset()["exchange"]["load_press_rate"].values[2] > 0.0
+
+
+@pytest.mark.parametrize(("force", "lifts"), [(50.0, False), (2500.0, False), (250e3, True)])
+def test_a_rigid_body_that_slides_or_lifts_from_the_start(force: float, lifts: bool) -> None:
+    """A block that 1 kN presses: held, sliding, thrown off; as in the run under the same force."""
+    size = (0.1, 0.1, 0.02)
+    block = {
+        "material": "steel",
+        "rigid": True,
+        "box": {"origin": [0.0] * 3, "size": list(size), "elements": [2, 2, 1]},
+    }
+    direction = [0.0, 0.0, 1.0] if lifts else [1.0, 0.0, 0.0]
+    push = {"face": "block.zmax", "force": direction, "law": "input"}
+    tables = {
+        "name": "block",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {"block": block},
+        "interface": {"floor": {"sides": ["block.zmin", "ground"], "friction_coefficient": 0.1}},
+        "load": {"clamp": {"face": "block.zmax", "pressure": 1e5, "law": "constant"}, "push": push},
+        "time": {"end": 1e-4, "step": 1e-5},
+    }
+    scene = latin_fmu.scene_from_dict(tables)
+    direct = latin_fmu.solve(
+        scene.replace("load.push", {**push, "law": "constant", "force": [force * x for x in direction]})
+    )
+    expected = direct.interfaces["floor"].force()
+    session = Session(scene)
+    session.set_load("push", force)
+    session.initialize()
+    names = [f"interface.floor.force[{k}]" for k in (1, 2, 3)]
+    for step in range(10):
+        assert session.step(step * 1e-5, 1e-5).accepted
+        assert np.abs(session.values(names) - expected[step + 1]).max() <= 1e-9 * 1e3
