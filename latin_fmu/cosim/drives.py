@@ -300,8 +300,9 @@ def _is_affine(drives: Drives, start: Array, base: list[Array], e: int, unit: fl
     """Whether the initial state is an affine function of the amplitudes of an input at the first two instants. A
     residual is a difference of forces: its round-off is that of the forces of inertia."""
     changes, forces = [], np.zeros(len(drives.assembly.propagators))
-    # without the input, from where the columns of the opening are taken: a body that slides at its start value may stand
+    # without the input, where the columns of the opening begin: a body that slides at the start value may stand there
     back = -start[:, e] / unit
+    far = max(1.0, float(np.abs(back).max()))
     for change in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5), back):
         amplitudes = start.copy()
         amplitudes[:, e] += unit * np.array(change)
@@ -316,8 +317,6 @@ def _is_affine(drives: Drives, start: Array, base: list[Array], e: int, unit: fl
         allowed = _AFFINE * max(scale.max(initial=0.0), residual)
         if np.abs(both + 2.0 * first - 0.5 * second).max(initial=0.0) > allowed:
             return False
-        if np.abs(without - back[0] * first - back[1] * second).max(initial=0.0) > allowed * max(
-            1.0, np.abs(back).max()
-        ):
+        if np.abs(without - back[0] * first - back[1] * second).max(initial=0.0) > far * allowed:
             return False
     return True
