@@ -41,7 +41,7 @@ from .recorder import Recorder
 from .run_image import LawsInPython, Stages, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import SolverSettings
-from .status import ROUND_OFF, Account, WindowList, allowed_work, round_off, status, with_energy, with_work
+from .status import AT_REST, ROUND_OFF, Account, WindowList, allowed_work, round_off, status, with_energy, with_work
 
 ONE = 1
 LONG = 2
@@ -429,10 +429,9 @@ class RunState(RunImage):
             waves = self.settings.window == 1 and not self.settings.residual_alone
             short = waves and self.direction(1).short
             allowed = allowed_work(float(works[INSTANTS]), short)
-            # what passes the interfaces in a window, as for the work of each (``indicator.work_of_error``): where a
-            # body at rest alone is loaded nothing is put in
+            # where a body at rest alone is loaded nothing is put in: a share of what passes the interfaces in a window
             passes = float(self.image.field("scales", 3)[0]) * self.settings.window * self.assembly.dt
-            put_in = max(put_in, passes)
+            put_in = max(put_in, AT_REST * passes)
             converged, sentence = with_work(sentence, work, put_in, allowed, self.settings.tolerance)
         if energy is None:
             return converged, sentence

@@ -18,6 +18,8 @@ from .settings import SolverSettings
 ERRORS, BALANCED = 1e-4, 1e-3
 """Work of the errors over the energy put in, up to which a run has converged: ERRORS a thousand instants, BALANCED in
 all, at once where steps are longer than waves take through an element; and of a window of several instants."""
+AT_REST = 5e-3
+"""Least energy put in that the work of the errors is compared with, over what passes the interfaces in a window."""
 ROUND_OFF = 1e-9
 """Share of the work of the largest tractions on the velocities they give, over a time step, that is round-off."""
 _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
