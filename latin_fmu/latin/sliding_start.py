@@ -33,7 +33,7 @@ LARGEST: Final = 1500
 """Relative motions up to which it is made: the matrix is dense."""
 _ROUNDS: Final = 40
 # of a round
-_ITERATIONS = 60
+_ITERATIONS = 150
 _DEPTH = 8
 _STEPS = 25
 _CLOSER: Final = 1e-2  # than the tolerance of the run
