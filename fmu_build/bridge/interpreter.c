@@ -87,7 +87,7 @@ static int line_of(FILE *stream, char *line, int size)
 }
 
 /* Executable and library of the Python that LATIN_FMU_PYTHON names, else of python3 on the path of the host. */
-static int ask(char *executable, char *library, int size)
+static int query(char *executable, char *library, int size)
 {
     const char *chosen = getenv("LATIN_FMU_PYTHON");
 #ifdef _WIN32
@@ -142,7 +142,7 @@ static int found_python(void)
     void *library = library_of_process();
     /* a library of Python without an interpreter: one is started in it */
     if (library != NULL && bound(library) && Py_IsInitialized()) return 1;
-    if (!ask(executable, path, sizeof path)) return 0;
+    if (!query(executable, path, sizeof path)) return 0;
     if (library == NULL) library = load(path);
     if (library == NULL) {
         snprintf(python_trouble, sizeof python_trouble,
