@@ -24,9 +24,9 @@ from scipy.optimize import least_squares
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.statics import tightened
+from latin_fmu.building import discretise
 from latin_fmu.scene.schema import Scene
+from latin_fmu.statics.statics import tightened
 
 SCENE = MODELS / "bolted_beam" / "scene.toml"
 PULSE, GUESS = 2.6e-3, 170.0  # s, of the hammer; Hz

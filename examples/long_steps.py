@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.mesh_files.gmsh import write_gmsh

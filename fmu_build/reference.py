@@ -15,8 +15,8 @@ from xml.etree.ElementTree import Element, SubElement, register_namespace
 import numpy as np
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
+from latin_fmu.building import discretise
 from latin_fmu.compiled import library
 from latin_fmu.cosim.input_table import inputs_of
 from latin_fmu.cosim.session import Session

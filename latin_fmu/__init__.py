@@ -43,11 +43,11 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from .accuracy.estimate import estimate_error
     from .api import Iteration, check, solve
-    from .assembly.backbone import backbone
-    from .assembly.frequency_response import frf
-    from .assembly.modes import vibration_modes
     from .calibration.study import calibrate
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
+    from .modal.backbone import backbone
+    from .modal.frequency_response import frf
+    from .modal.modes import vibration_modes
     from .parametric.samples import sample
     from .parametric.study import sweep
     from .reader import load_scene, scene_from_dict
@@ -102,11 +102,11 @@ _MODULES: Final = MappingProxyType(
         "Iteration": "api",
         "Scene": "scene.schema",
         "Solution": "results.solution",
-        "backbone": "assembly.backbone",
+        "backbone": "modal.backbone",
         "calibrate": "calibration.study",
         "check": "api",
         "estimate_error": "accuracy.estimate",
-        "frf": "assembly.frequency_response",
+        "frf": "modal.frequency_response",
         "load_scene": "reader",
         "open_results": "results.files",
         "sample": "parametric.samples",
@@ -114,7 +114,7 @@ _MODULES: Final = MappingProxyType(
         "shock_response_spectrum": "results.spectra",
         "solve": "api",
         "sweep": "parametric.study",
-        "vibration_modes": "assembly.modes",
+        "vibration_modes": "modal.modes",
         **dict.fromkeys(
             ("amplitude_spectrum", "pressure_map", "resultant", "ring_down", "sensor_spectrum", "skin"), "results.views"
         ),

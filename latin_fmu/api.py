@@ -13,16 +13,14 @@ from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from .assembly.build import discretise
-from .assembly.checks import body_lines
-from .assembly.copies import Marched, marched_beside
 from .assembly.models import Kept, KeptOperators
 from .assembly.problem import SolverReadyProblem
-from .assembly.sensitivities import Tangents
-from .assembly.statics import Stage
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
 from .assembly.yielding_bolts import Yielding
+from .building import discretise
+from .checks.mesh_checks import body_lines
+from .checks.run_checks import balance_words, body_ends, faults_of, resultants, run_remarks, with_faults
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
 from .errors import InputError, LatinError, ResultsError, SolverError
 from .interface import Behaviour
@@ -45,10 +43,12 @@ from .results.sensors import spectra_of
 from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
-from .run_checks import balance_words, body_ends, faults_of, resultants, run_remarks, with_faults
 from .scene.histories import histories_of, history_lines
 from .scene.schema import Scene
 from .scene.units import UnitSystem
+from .sensitivities.copies import Marched, marched_beside
+from .sensitivities.tangents import Tangents
+from .statics.statics import Stage
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
 _UNCHECKED: Final = (
@@ -555,10 +555,10 @@ def _recorder_of_bodies(problem: SolverReadyProblem, marched: Recorder) -> Recor
     """Histories of the bodies of a problem whose assembly was marched as one substructure, from those of that."""
     whole, output = cast(Any, problem.reduced), replace(problem.output, watch=True)
     if problem.assembly.quasi_static:
-        from .assembly.static_fields import StaticRecorder
+        from .statics.static_fields import StaticRecorder
 
         return StaticRecorder(whole, marched, output, problem.info)
-    from .assembly.recovered_fields import RecoveredRecorder
+    from .joined.recovered_fields import RecoveredRecorder
 
     return RecoveredRecorder(whole, marched, output, problem.info)
 

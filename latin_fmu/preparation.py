@@ -7,21 +7,21 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from .assembly.build import discretise, solver_ready
-from .assembly.free_bodies import loss_of_equilibrium
 from .assembly.models import KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import by_modes, chosen_propagators
-from .assembly.sensitivities import Tangents
-from .assembly.tied_assembly import TieError
 from .assembly.yielding_bolts import Yielding
+from .building import discretise, solver_ready
 from .effects.cost import Prediction, check_memory
 from .errors import InputError, Problems
 from .interface import Behaviour
+from .joined.tied_assembly import TieError
 from .latin.processes import Processes
 from .machine import one_thread
 from .remarks import remarks_of
 from .scene.schema import Scene
+from .sensitivities.tangents import Tangents
+from .statics.free_bodies import loss_of_equilibrium
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def prepared(
         try:
             at_once = False
             if scene.time.quasi_static:
-                from .assembly.static_fields import solved_at_once
+                from .statics.static_fields import solved_at_once
 
                 at_once = solved_at_once(scene, discretised, looks_at_bodies)
             grouped, why = None, ""

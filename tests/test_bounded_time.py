@@ -13,8 +13,8 @@ import pytest
 import latin_fmu
 from latin_fmu import api
 from latin_fmu.accuracy.estimate import estimate_error
-from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.cli import main
+from latin_fmu.sensitivities.tangents import Tangents
 from latin_fmu.stability.scenes import STEEL, Box, column
 
 from .test_checkpoint import assert_equal

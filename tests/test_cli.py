@@ -85,8 +85,8 @@ def test_a_run_loads_what_it_needs(scene: str) -> None:
         f"assert main(['run', {scene!r}, '--quiet']) == 0; "
         "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
         "'scipy.cluster', 'scipy.integrate', 'scipy.optimize', 'scipy.signal', 'scipy.stats'}; "
-        "unused |= {f'latin_fmu.{name}' for name in ('assembly.reduced_run', 'assembly.joined_assembly', "
-        "'assembly.release', 'mesh_files.content', 'scene.universal_files')}; "
+        "unused |= {f'latin_fmu.{name}' for name in ('joined.reduced_run', 'joined.joined_assembly', "
+        "'checks.release', 'mesh_files.content', 'scene.universal_files')}; "
         "assert not unused & set(sys.modules), unused & set(sys.modules); "
         "import numpy; assert numpy.testing.assert_allclose; assert numpy.f2py.main"
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from latin_fmu.assembly.build import build
+from latin_fmu.building import build
 from latin_fmu.cli import main
 from latin_fmu.effects.explanation import Explanation, explain
 from latin_fmu.effects.scene_effects import EFFECTS

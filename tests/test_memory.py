@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene_from_dict, solve
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.propagator_choice import PropagatorSettings, fitting
+from latin_fmu.building import discretise
 from latin_fmu.cli import main
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.effects import cost
@@ -190,7 +190,7 @@ def test_predicted_memory_against_real(settings: tuple[str, ...], tmp_path: Path
     (tmp_path / "scene.toml").write_text(SCENE)
     code = f"""
 from latin_fmu import api, load_scene
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.cost import memory_need
 from latin_fmu.latin import interface_rows
@@ -402,7 +402,7 @@ def test_a_million_instants_of_three_blocks_within_500_mb(tmp_path: Path) -> Non
 def test_memory_of_a_streamed_run_with_energies_and_slip_is_within_the_prediction(tmp_path: Path) -> None:
     """A hundred thousand instants; in memory its histories would take 0.7 GB."""
     code = """
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.cost import memory_need
 print(peak_memory() + memory_need(Prediction(discretise(scene)), stream=True).total)

@@ -16,13 +16,13 @@ import pytest
 import latin_fmu
 from fmu_build.build import scene_files
 from latin_fmu import operator_store
-from latin_fmu.assembly import statics
-from latin_fmu.assembly.build import build
 from latin_fmu.assembly.initial_state import InitialState, TightBolts, state_arrays, state_of
+from latin_fmu.building import build
 from latin_fmu.cholesky import factor as factors
 from latin_fmu.cholesky.symbolic import shared_analysis
 from latin_fmu.errors import ResultsError
 from latin_fmu.operator_store import OperatorStore
+from latin_fmu.statics import statics
 from tests.scenes import MODELS
 
 STEEL = {"young_modulus": 2.1e11, "poisson_ratio": 0.3, "density": 7800.0}

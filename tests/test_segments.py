@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.stability.scenes import Material, bar, column, half_sine
 
 MODELS = Path(__file__).parents[1] / "models"

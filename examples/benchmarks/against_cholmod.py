@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.symbolic import analyse, quotient_graph
 from latin_fmu.cholesky.tree import column_counts, elimination_tree

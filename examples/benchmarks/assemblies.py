@@ -137,9 +137,9 @@ def bonded(kind: str, share: float) -> dict[str, Any]:
 
 def transient(scene: Any) -> dict[str, Any]:
     """HHT on the merged mesh, as ``bonded``."""
-    from latin_fmu.assembly.bonded_run import grouped_assembly
-    from latin_fmu.assembly.build import discretise
+    from latin_fmu.building import discretise
     from latin_fmu.cholesky.factor import CholeskyFactor
+    from latin_fmu.joined.bonded_run import grouped_assembly
 
     discretised = discretise(scene)
     grouped, _ = grouped_assembly(discretised, False)

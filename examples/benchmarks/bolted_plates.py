@@ -197,7 +197,7 @@ def measured(size: float, instants: int, solver: dict[str, Any], profile: bool) 
     """Seconds of the processor of every step, peak memory, bytes, and numbers of the run, in this process."""
     import latin_fmu
     from latin_fmu.api import run
-    from latin_fmu.assembly.build import discretise, starting_equilibrium
+    from latin_fmu.building import discretise, starting_equilibrium
     from latin_fmu.latin.outcome import Timings
 
     found: dict[str, float] = {}

@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready
 from latin_fmu.effects.cost import OPERATIONS, Prediction, RunSize, march_counts, operator_counts
 from latin_fmu.effects.explanation import explain
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine

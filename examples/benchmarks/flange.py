@@ -21,7 +21,7 @@ from calculix import Choices, Deck, run
 from harness import STEEL, Case, cpu, prepared, tools
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.fem.faces import Face, face_of
 from latin_fmu.fem.mesh_file import mesh_of
 from latin_fmu.latin.outcome import Outcome

@@ -27,8 +27,8 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
+from latin_fmu.building import discretise
 from latin_fmu.latin.outcome import Outcome
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, Material, column, half_sine
 

@@ -34,7 +34,7 @@ from matplotlib.ticker import NullFormatter
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready
 from latin_fmu.latin.outcome import Outcome, Timings
 from latin_fmu.machine import one_thread
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine

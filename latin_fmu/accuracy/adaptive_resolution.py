@@ -18,8 +18,8 @@ from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FLOOR, FRICTION_WORK, PEAK_FORCE_RAW, definition_of
 from ..results.solution import Solution
-from ..results.summary import percent
 from ..run_quantities import relative
+from ..scene.readable_numbers import percent
 from ..scene.schema import Scene
 from ..scene.settings import Output
 from .estimate import FACETED, quantity_estimate

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import api
-from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
+from ..building import discretise
 from ..fem.elements import rigid_modes
 from ..interface.laws import SEPARATION, SLIP
 from ..latin.outcome import Array, InterfaceHistory, SubstructureHistory

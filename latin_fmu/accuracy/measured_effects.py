@@ -25,10 +25,10 @@ from ..interface.laws import SEPARATION, SLIP
 from ..latin.outcome import InterfaceHistory
 from ..results.quantities_of_interest import ACCELERATION_PEAK
 from ..results.solution import Solution
-from ..results.summary import aligned
 from ..run_quantities import Signal, measure_solution
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
+from ..scene.readable_numbers import aligned
 from ..scene.schema import Scene, with_settings
 from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_factor, message_of
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
-from ..assembly.build import discretise
 from ..assembly.propagator_choice import factor_bytes
+from ..building import discretise
 from ..errors import LatinError
 from ..latin.outcome import Array, SensorHistory, Timings
 from ..results.solution import Solution

@@ -25,10 +25,10 @@ from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FLOOR, Force
 from ..results.solution import Solution
-from ..results.summary import aligned as columns
-from ..results.summary import percent
 from ..run_quantities import Quantities, measure_solution, of_force, relative
 from ..scene.describe import tables_in, tag_of
+from ..scene.readable_numbers import aligned as columns
+from ..scene.readable_numbers import percent
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
 from .adaptive_resolution import choose, is_target

@@ -1,17 +1,15 @@
-"""From the scene to the operators of the solver.
+"""The assembly that a scene describes: its bodies, conditions and interfaces on their meshes, and their problem.
 
-=========================  ============================================================================
-build, problem             `build`: a scene -> a discretised problem -> a solver-ready problem
-body, conditions, models   meshes, materials, supports, loads and rigid bodies of the substructures
-interfaces, face_pairs     points, normals, gaps and traces of the interfaces
-checks                     checks of the scene against its meshes
-statics                    static equilibrium before t = 0, bodies that nothing holds
-run_checks                 slip and rotation beyond the method, resultants of bodies in equilibrium
-limit_load                 where contact and friction cannot hold the loads, and what moves then
-inactive_substructures     arrival times of waves, classes cut accordingly
-bond_groups, bonded_run    bonded bodies as one substructure of the march
-merged_assembly            the assembly as one body, where interfaces are perfect
-segments                   runs in consecutive pieces of time
-propagator_choice          propagators by name; that of the scene, by the memory of its operators
-=========================  ============================================================================
+======================================  ===============================================================
+body, attachments                       meshes, matrices; point masses, springs and couplings
+supports, conditions, driven_starts     what holds and drives a body
+interfaces, face_pairs, clearances      points, normals, gaps and traces of the interfaces
+threads, press_fits                     screws as CAD draws them; faces that overlap
+bolts, bolt_shares, yielding_bolts      shanks that are cut and tightened
+models, propagator_choice               classes of equal substructures and their operators
+problem, timeline, initial_state        discretised and solver-ready problem, what drives it, its start
+start_contacts, rigid_landings          contacts at the start, impacts without an answer
+merged_assembly, whole_march            bonded bodies as one; what a march over all bodies needs
+inactive_substructures, untouched       bodies at rest that a run leaves out
+======================================  ===============================================================
 """

@@ -34,7 +34,6 @@ from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme, joint_weights
 from .body import Body, body_sides, branches_of, flexibility, side_impedance, side_stiffness
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress
-from .checks import resolution_remarks
 from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
 from .models import (
@@ -56,7 +55,7 @@ from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .timeline import NO_RAMPS, Timeline
 from .untouched import Untouched
-from .wave_pace import waves_count
+from .wave_pace import resolution_remarks, waves_count
 from .whole_march import GroupedMarch, WholeMarch
 
 REST = 1e-2

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ..fem.mesh import Array
 from ..latin.assembly import InterfaceUnit
 from ..propagator import SubstructureModel
-from ..results.summary import readable
 from ..scene.fields import GROUND, split_face
+from ..scene.readable_numbers import readable
 from ..scene.units import UnitSystem
 from .initial_state import InitialState
 

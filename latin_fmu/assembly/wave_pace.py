@@ -6,11 +6,12 @@ whether mesh and step follow a wave front makes no difference to its answer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from ..latin.assembly import Array, InterfaceUnit
+from ..remarks import Remark
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, TimeLaw
 from ..scene.schema import Scene
@@ -18,6 +19,8 @@ from ..scene.settings import StaticStart
 from .body import Body
 from .models import approaches
 
+_REFINE = "refine the mesh there (a smaller step alone does not help)"
+_NAMED = 2  # sides that are named before "and so many more"
 SLOW = 10.0
 """Time in which loads change over the longest transit of a wave from which on waves do not count."""
 
@@ -76,3 +79,21 @@ def _pace(amplitude: Array, time: Array) -> float:
     """Time in which a sampled law changes by its largest value, s."""
     steepest = float(np.abs(np.diff(amplitude) / np.diff(time)).max(initial=0.0))
     return float("inf") if steepest == 0.0 else float(np.abs(amplitude).max()) / steepest
+
+
+def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
+    """One remark on all reasons why waves are not followed at sides of interfaces, as
+    ``latin.search_direction.unresolved_sides`` says."""
+    reasons: dict[str, list[str]] = {}
+    for sentence in sides:
+        side, _, rest = sentence.partition(": ")
+        # the reason is what stands before the numbers
+        reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
+    found, remedies = [], []
+    for reason, at in reasons.items():
+        more = f" and {len(at) - _NAMED} more sides" if len(at) > _NAMED else ""
+        found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
+        remedies.append(_REFINE if reason.startswith("the mesh") else "take smaller steps")
+    what = "contacts shorter than the passage of a wave through a few elements are not resolved; where they matter,"
+    text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
+    return [Remark("resolution", text)] if found else []

@@ -31,7 +31,7 @@ from typing import Final, Literal
 import numpy as np
 from pydantic_core import PydanticCustomError
 
-from ..assembly.build import discretise
+from ..building import discretise
 from ..errors import InputError, Problem, Problems, did_you_mean, listed
 from ..latin.outcome import Array
 from ..results.quantities import AXES, FILTERED, SENSOR

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ..pictures.style import DISTINCT, styled
-from ..results.summary import prefix_for, readable
+from ..scene.readable_numbers import prefix_for, readable
 from .report import Calibration, ColumnFit
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
-from ..assembly.backbone import backbone
 from ..assembly.models import KeptOperators
-from ..assembly.modes import vibration_modes
 from ..errors import InputError, SceneError, SolverError
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory
+from ..modal.backbone import backbone
+from ..modal.modes import vibration_modes
 from ..results.sensitivities import MANY, Sensitivities, in_words
 from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
@@ -59,7 +59,7 @@ class Predictor:
 
     Parameters
     ----------
-    parameters : names in the scene, by parameter. mode, increments : of backbones, see ``assembly.backbone``.
+    parameters : names in the scene, by parameter. mode, increments : of backbones, see ``modal.backbone``.
 
     Attributes
     ----------

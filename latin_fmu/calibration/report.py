@@ -32,9 +32,10 @@ from ..results.estimates import ErrorEstimate
 from ..results.sensitivities import PART, in_words
 from ..results.sentences import wrapped
 from ..results.solution import Solution
-from ..results.summary import aligned, finite, readable
+from ..results.summary import finite
 from ..scene.describe import unit_at
 from ..scene.overrides import text_with_numbers
+from ..scene.readable_numbers import aligned, readable
 from ..scene.schema import NAMED, Scene
 from .data import Column, MeasuredTable, columns_of
 from .prediction import Names, Predicted, Predictor

@@ -24,7 +24,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..accuracy.runs import message_of
-from ..assembly.sensitivities import value_of
 from ..errors import InputError, LatinError, Problem, Problems, SceneError, shown
 from ..latin.outcome import Array
 from ..reader import load_scene
@@ -32,6 +31,7 @@ from ..scene.schema import Scene
 from ..scene.unit_texts import value_and_unit
 from ..scene.unit_values import value_in_scene_units
 from ..scene.units import UnitSystem
+from ..sensitivities.tangents import value_of
 from .data import HEADING, MeasuredTable, columns_of, read_measured, size_of
 from .prediction import Predicted, Predictor
 from .report import AT_BOUND, Calibration, FitParameter, calibration_of

@@ -198,7 +198,7 @@ def _ratios(text: str) -> list[float]:
 
 
 def _frf(arguments: argparse.Namespace) -> int:
-    from ..assembly.frequency_response import frf
+    from ..modal.frequency_response import frf
     from ..pictures.response_picture import response_figure
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
@@ -236,7 +236,7 @@ def _register_backbone(add: AddParser) -> None:
 def _backbone(arguments: argparse.Namespace) -> int:
     import numpy as np
 
-    from ..assembly.backbone import backbone
+    from ..modal.backbone import backbone
     from ..pictures.backbone_picture import backbone_figure
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
@@ -319,7 +319,7 @@ def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
 
 
 def _modes(arguments: argparse.Namespace) -> int:
-    from ..assembly.modes import vibration_modes
+    from ..modal.modes import vibration_modes
     from ..results.vtk import check_export_folder
     from ..results.writing import check_target
 

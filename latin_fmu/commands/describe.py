@@ -394,7 +394,7 @@ def _models(folder: Path) -> list[_ModelRow]:
 
 def _list(models: list[_ModelRow]) -> list[str]:
     """Table of the models, and how to copy one."""
-    from ..results.summary import aligned
+    from ..scene.readable_numbers import aligned
 
     rows = [("model", "nodes, steps", "CPU"), *((m.name, m.size, m.cpu) for m in models)]
     texts = ("shows", *(m.shows for m in models))

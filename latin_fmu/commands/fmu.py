@@ -252,7 +252,7 @@ def _files(arguments: argparse.Namespace, scene: Scene, note: str) -> dict[str, 
 
 def _foreseen(scene: Scene) -> str:
     """What the matrices of a scene will take in a compiled FMU, in words; empty where that is little."""
-    from ..assembly.build import discretise
+    from ..building import discretise
     from ..effects.cost import Prediction, amount
 
     prediction = Prediction(discretise(scene))

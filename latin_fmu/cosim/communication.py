@@ -49,7 +49,6 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..assembly.segments import SegmentedRun
 from ..errors import InputError, NeedsPythonError, Problem
 from ..kernels import entries
 from ..kernels.entries import Pools
@@ -63,6 +62,7 @@ from ..propagator.image import Image, pools_of
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
+from .segments import SegmentedRun
 from .signals import Signals
 
 MAGIC: Final = b"LATINIMG"

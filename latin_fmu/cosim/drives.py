@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 from ..assembly.supports import rates_of_steps
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
 from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
@@ -26,6 +25,7 @@ from ..propagator.forcing import SUMS
 from ..scene.laws import ConstantLaw, InputLaw, sampled
 from ..scene.schema import Scene
 from .input_table import Source, given_of, sources_of
+from .segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 
 _UNITS = (1.0, 1e3, 1e6)  # changes of an amplitude that are tried
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring

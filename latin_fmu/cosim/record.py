@@ -11,13 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from ..assembly.segments import Segment, unpacked_motions
 from ..kernels import entries
 from ..kernels.inputs import DISPLACEMENT
 from ..latin.outcome import Array
 from ..latin.recorder import Recorder
 from ..latin.status import WindowList
 from .communication import CommunicationRun
+from .segments import Segment, unpacked_motions
 
 _PATH: Final = 4
 """Rule of interpolation of prescribed mode, as in runtime/runtime.h."""

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..assembly.segments import Segment
 from ..errors import SolverError
 from ..kernels import inputs
 from ..latin.interface_rows import InterfaceRows
@@ -22,6 +21,7 @@ from .handed_run import ABOUT_TO, HandedRun
 from .loads import GivenLoads
 from .output_table import AT_POINTS
 from .record import Record, WholeRecord, amplitudes_of
+from .segments import Segment
 from .settings import Settings
 from .started_run import StartedRun
 from .table_file import Identity, table_file

@@ -18,7 +18,6 @@ import xarray as xr
 
 from ..api import computable
 from ..assembly.interfaces import completed
-from ..assembly.segments import Segment
 from ..errors import InputError, Problem
 from ..latin.outcome import Array, InterfaceHistory
 from ..machine import provenance
@@ -34,6 +33,7 @@ from .engine import DISCARD, STEP, WARNING
 from .input_table import with_laws
 from .loads import Curve, GivenLoads
 from .scene_engine import SceneEngine
+from .segments import Segment
 from .settings import Settings, StepReport, refused
 from .step_history import AcceptedStep, StepHistory, curves_of, joined
 from .variable import Variable, input_of

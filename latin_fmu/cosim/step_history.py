@@ -15,10 +15,10 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from ..assembly.segments import RUNNING, Segment
 from ..latin.outcome import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
 from ..results.quantities import BOLT, INTERFACE, REACTION, SENSOR, SUBSTRUCTURE, Rows, fields_over_time
 from .loads import Curve, rule_of
+from .segments import RUNNING, Segment
 from .variables import HOLD, LINE
 
 INTERFACE_FIELDS: Final = fields_over_time(INTERFACE, InterfaceHistory)

@@ -22,8 +22,6 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.bond_groups import GroupedAssembly
-from ..assembly.copies import MOST
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, settings_of
 from ..assembly.propagator_choice import (
@@ -35,10 +33,10 @@ from ..assembly.propagator_choice import (
     interfaces_of,
     operator_bytes,
 )
-from ..assembly.statics import something_acts, static_scene
 from ..cholesky.substitution import LANES
 from ..errors import SceneError
 from ..interface.laws import bonds
+from ..joined.bond_groups import GroupedAssembly
 from ..kernels.energy_parts import TERMS
 from ..kernels.krylov import VECTORS
 from ..latin.assembly import Array, InterfaceUnit, class_points
@@ -51,6 +49,8 @@ from ..propagator.interface_sweeps import SET_UP, long_steps, stiffness_over_ine
 from ..propagator.model import SubstructureModel, operator_weights
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
+from ..sensitivities.copies import MOST
+from ..statics.statics import something_acts, static_scene
 from ..time_scheme import TimeScheme
 
 OPERATIONS: Final = ("flop", "entry", "sparse", "value", "call")

@@ -16,19 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from ..assembly.build import discretise
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import chosen_propagators
 from ..assembly.wave_pace import SLOW, load_pace, longest_transit
+from ..building import discretise
 from ..interface.laws import FRICTION, coulomb_coefficient
 from ..propagator.explicit import ExplicitPropagator
 from ..remarks import Remark, remarks_of
-from ..results.summary import readable
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.overrides import key_lines, line_of
+from ..scene.readable_numbers import readable
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable
 from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, memory_need, operator_counts, seconds

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from ..assembly.bond_groups import GroupedAssembly
-from ..assembly.bonded_run import grouped_assembly
 from ..assembly.problem import DiscretisedProblem
+from ..joined.bond_groups import GroupedAssembly
+from ..joined.bonded_run import grouped_assembly
 from .cost import BONDED, Prediction, RunSize, march_counts, operator_counts, seconds
 
 _SET_UP: Final = 4e-5

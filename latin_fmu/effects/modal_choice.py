@@ -18,12 +18,12 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from ..assembly.modal_problem import coarser_problem
 from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
 from ..assembly.propagator_choice import modes_refused
-from ..assembly.reduced_run import steps_resolve_spectra
-from ..assembly.tied_assembly import Joints, TieError
 from ..fem.contact_layer import longest_edge
+from ..joined.modal_problem import coarser_problem
+from ..joined.reduced_run import steps_resolve_spectra
+from ..joined.tied_assembly import Joints, TieError
 from ..latin.outcome import InterfaceHistory, Outcome
 from ..machine import memory_room, one_thread
 from ..results.estimates import TruncationError

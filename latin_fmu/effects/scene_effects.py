@@ -6,16 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
+from ..building import discretise
 from ..errors import InputError
 from ..interface.laws import FRICTION, bonds
 from ..latin.assembly import InterfaceUnit
 from ..reader import scene_from_dict
-from ..results.summary import readable
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
+from ..scene.readable_numbers import readable
 from ..scene.schema import GRAVITY, Scene, with_settings
 from ..scene.settings import StaticStart
 from .cost import CONTACT, Prediction, RunSize, expected_iterations, march_counts, numbers, seconds

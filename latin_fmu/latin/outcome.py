@@ -418,7 +418,7 @@ class Outcome:
     ``resultants`` : of every elastic body at the end of a run without inertia, by substructure.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
     ``interrupted`` : by what, a signal or its limit of CPU time; empty where it was not. ``faults`` : why its end
-    is not trustworthy (``run_checks``), none where it is.
+    is not trustworthy (``checks.run_checks``), none where it is.
     """
 
     time: Array

@@ -20,10 +20,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ..assembly.body import side_impedance
-from ..assembly.build import discretise
 from ..assembly.interfaces import completed
 from ..assembly.merged_assembly import jump, merge, placed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction
+from ..building import discretise
 from ..cholesky.factor import CholeskyFactor
 from ..cosim.output_table import ENERGY
 from ..cosim.variable import Variable, output, parameter

@@ -11,7 +11,7 @@ import xarray as xr
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import key_of, unit_of
-from ..results.summary import prefix_for
+from ..scene.readable_numbers import prefix_for
 from ..scene.units import unit_text
 from .point import CONVERGED, FAILED, QUANTITIES, Quantity
 

@@ -28,7 +28,8 @@ from ..results.sensitivities import DOUBT
 from ..results.sentences import named_lines
 from ..results.solution import Solution
 from ..results.spread import PATH, SAMPLED, Bands, ResultBand, ends_of
-from ..results.summary import finite, percent, readable
+from ..results.summary import finite
+from ..scene.readable_numbers import percent, readable
 from ..scene.schema import Scene
 from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem

@@ -37,7 +37,7 @@ import numpy as np
 import xarray as xr
 
 from ..accuracy.runs import Log
-from ..assembly.build import discretise
+from ..building import discretise
 from ..effects.cost import Prediction, amount, memory_need
 from ..errors import InputError, LatinError, SceneError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed

@@ -10,16 +10,16 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..assembly.body import Body, build_bodies
-from ..assembly.build import discretise
-from ..assembly.checks import check_faces
 from ..assembly.interfaces import with_found
+from ..building import discretise
+from ..checks.mesh_checks import check_faces
 from ..errors import Problems, SceneError
 from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
-from ..results.summary import readable
 from ..scene.boundaries import Driven, Periodic
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import Interface
+from ..scene.readable_numbers import readable
 from ..scene.schema import Scene
 from ..scene.units import UnitSystem
 from .frame import Skin, View, arrow, axes_with_units, draw, shifts_apart, skin_of

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..assembly.backbone import Backbone
 from ..latin.assembly import Array
-from ..results.summary import prefix_for
+from ..modal.backbone import Backbone
+from ..scene.readable_numbers import prefix_for
 from .style import DISTINCT, styled
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem.mesh import Array, Index, Mesh, boundary
-from ..results.summary import prefix_for
+from ..scene.readable_numbers import prefix_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..assembly.frequency_response import FrequencyResponse
+from ..modal.frequency_response import FrequencyResponse
 from ..results.quantities import AXES
 from ..scene.units import unit_text
 from .style import curve_styles, styled

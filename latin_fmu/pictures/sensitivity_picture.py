@@ -14,7 +14,7 @@ from ..results.groups import datasets_of, unit_of
 from ..results.quantities_of_interest import in_words as quantity_in_words
 from ..results.sensitivities import CHECKED, MANY, PART, in_words
 from ..results.spread import SAMPLED
-from ..results.summary import prefix_for
+from ..scene.readable_numbers import prefix_for
 from .style import BAD, DISTINCT, TimeAxis, styled
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from ..results.quantities_of_interest import (
 )
 from ..results.sensors import loss_text, share_lost
 from ..results.spectra import ShockSpectrum, stored_spectra
-from ..results.summary import percent, prefix_for, readable
+from ..scene.readable_numbers import percent, prefix_for, readable
 from ..scene.units import SI, UnitSystem
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..fem.mesh import Array, Index, Mesh, cell_blocks, nearest
 from ..results.groups import datasets_of, unit_of, units_of
 from ..results.quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
-from ..results.summary import prefix_for
+from ..scene.readable_numbers import prefix_for
 from .frame import sharp_edges, shifts_apart, skin_of
 from .result_picture import Window, magnification, stored_bodies, stored_instants
 from .style import PARTS, PRESSURE, SEQUENTIAL

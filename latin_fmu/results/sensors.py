@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..latin.outcome import Array, Outcome, SensorHistory
+from ..scene.readable_numbers import aligned, percent, readable, readable_vector
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
@@ -27,7 +28,7 @@ from .quantities import (
 )
 from .quantities_of_interest import FLOOR
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
-from .summary import aligned, finite, percent, readable, readable_vector
+from .summary import finite
 
 
 def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Array:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, ReactionHistory, SensorHistory
+from ..scene.readable_numbers import percent, readable
 from ..scene.sensors import ChannelClass, LowPass, Sensor
 from ..scene.unit_texts import GRAVITY
 from ..scene.units import SI, UnitSystem
@@ -40,7 +41,6 @@ from .quantities_of_interest import (
 )
 from .sensors import TensionEnd, bolt_ends, filtered_motions, largest_of, loss_text
 from .spectra import ShockSpectrum
-from .summary import percent, readable
 
 _OPEN, _SLIP = 0, 2
 _LITTLE: Final = 5e-3  # of an area or a force: smaller shares are left out

@@ -101,7 +101,7 @@ class Solution:
     trustworthy = _of(
         lambda o: o.trustworthy,
         "Whether the run has converged, its balance of energies closes, no closed point has sunk and no body has "
-        "turned too far (``run_checks``); ``status`` says what does not hold.",
+        "turned too far (``checks.run_checks``); ``status`` says what does not hold.",
     )
     complete = _of(lambda o: o.complete, "Whether the run reached the end of its interval.")
     interrupted = _of(

@@ -35,11 +35,11 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, Problem
 from ..latin.outcome import Array, SensorHistory
+from ..scene.readable_numbers import readable
 from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, LABELS, SPECTRUM, named
-from .summary import readable
 
 if TYPE_CHECKING:
     import xarray as xr

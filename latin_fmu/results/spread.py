@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
+from ..scene.readable_numbers import percent, readable
 from ..scene.sensors import Sensor
 from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem
@@ -29,7 +30,7 @@ from .sensitivities import DOUBT, Sensitivities, in_words
 from .sensors import sensor_group
 from .sentences import named_lines
 from .spectra import ShockSpectrum, spectrum_group
-from .summary import finite, percent, readable
+from .summary import finite
 
 LEVEL: Final = 0.95
 """Probability of a band."""

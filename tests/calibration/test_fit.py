@@ -14,7 +14,6 @@ import pytest
 from scipy import stats
 
 import latin_fmu
-from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.calibration.data import Column, MeasuredTable, read_measured
 from latin_fmu.calibration.figure import calibration_figure
 from latin_fmu.calibration.prediction import Predicted, Predictor
@@ -31,6 +30,7 @@ from latin_fmu.calibration.report import (
 )
 from latin_fmu.calibration.study import LeastSquares, _weigh
 from latin_fmu.errors import InputError, SolverError
+from latin_fmu.sensitivities.tangents import Tangents
 from tests.scenes import MODELS
 from tests.verification.test_backbone import chain, exact
 

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from latin_fmu.assembly.interfaces import completed
-from latin_fmu.assembly.segments import Segment, SegmentedRun
 from latin_fmu.assembly.supports import port_key
 from latin_fmu.cosim.input_table import given_of
 from latin_fmu.cosim.output_table import INTERFACE, FacePoints
+from latin_fmu.cosim.segments import Segment, SegmentedRun
 from latin_fmu.cosim.variables import scalar_table
 from latin_fmu.kernels import inputs
 from latin_fmu.latin.outcome import InterfaceHistory

@@ -14,7 +14,7 @@ import pytest
 import scipy.sparse as sp
 
 from latin_fmu import scene_from_dict, solve
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects.cost import SECONDS, march_counts, operator_counts, run_size
 
 KEYS = ("case", "n_blocks", "mu", "propagator", "ratio", "floor_seconds", "seconds", "iterations", "error")

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, discretise, without_scheme
-from latin_fmu.assembly.joined_assembly import JoinedAssembly
 from latin_fmu.assembly.merged_assembly import is_selection
-from latin_fmu.assembly.modes import pressed_points
 from latin_fmu.assembly.problem import DiscretisedProblem
+from latin_fmu.building import build, discretise, without_scheme
+from latin_fmu.joined.joined_assembly import JoinedAssembly
+from latin_fmu.modal.modes import pressed_points
 from latin_fmu.propagator.base import full_displacement
 from tests.alone import alone_of, started_alone
 from tests.scenes import clamp

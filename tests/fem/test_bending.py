@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse.linalg import eigsh
 
 from latin_fmu import api
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness

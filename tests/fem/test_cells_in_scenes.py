@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import api
-from latin_fmu.assembly.build import build, discretise
+from latin_fmu.building import build, discretise
 from latin_fmu.fem.faces import consistent_dashpots, lumped_dashpots
 from latin_fmu.reader import scene_from_dict
 

@@ -18,9 +18,9 @@ import pytest
 import latin_fmu
 from fmu_build.build import build_fmu
 from latin_fmu.assembly.propagator_choice import PROPAGATORS
-from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine
 from latin_fmu.time_scheme import SCHEMES

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from latin_fmu.assembly.build import build
 from latin_fmu.assembly.problem import SolverReadyProblem
+from latin_fmu.building import build
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run

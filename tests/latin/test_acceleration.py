@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import load_scene
-from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready
 from latin_fmu.kernels import acceleration
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.kernels.newton import advance_iterate

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.latin import recorder, windows
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box
 from tests.scenes import given_motion, pressed_stack, rayleigh

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.kernels import envelope
 from latin_fmu.latin import search_direction
 from latin_fmu.latin.search_direction import LARGEST, ordered_blocks, relative_operator
@@ -74,7 +74,7 @@ def test_elimination_in_the_envelope(shape: str) -> None:
 
 def test_blocks_of_a_chain_are_neighbours() -> None:
     """Interfaces of a stack in any order make a block tridiagonal matrix; one body that all share a full one."""
-    from latin_fmu.assembly.build import build
+    from latin_fmu.building import build
 
     boxes = {f"b{i}": Box(STEEL, (0.01,) * 3, (1, 1, 1)) for i in range(5)}
     scene = column(boxes, {f"i{i}": {"friction_coefficient": 0.3} for i in range(4)}, {"end": 1e-6, "instants": 1})

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build
+from latin_fmu.building import build
 from latin_fmu.errors import SceneError
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.latin.run_image import law_of

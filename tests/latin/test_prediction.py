@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import load_scene
-from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready
 from latin_fmu.kernels.newton import LAST, N_COURSE, UNCERTAIN
 from latin_fmu.kernels.prediction import EXACT, ORDER, expect
 from latin_fmu.latin.outcome import Timings

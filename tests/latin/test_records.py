@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.assembly.build import build
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.building import build
 from latin_fmu.compiled import PLAIN
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy import FIELDS
 from latin_fmu.kernels.energy_parts import N_TERM

@@ -26,7 +26,7 @@ import numpy as np
 
 from latin_fmu import load_scene
 from latin_fmu.assembly.body import Body
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import LatinError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh, boundary, box_mesh

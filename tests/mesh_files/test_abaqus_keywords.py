@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import LatinError, MeshError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh

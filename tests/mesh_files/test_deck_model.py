@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu import load_scene
 from latin_fmu.api import solve
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.cli import main
 from latin_fmu.commands import REMARKED
 from latin_fmu.fem.mesh import box_mesh

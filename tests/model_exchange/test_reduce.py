@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.model_exchange.equations import Equations, ReducedSystem
 from latin_fmu.model_exchange.reduce import Cut, bonded_bodies, deflections, patches, reduced_system

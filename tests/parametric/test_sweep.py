@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from latin_fmu import InputError, SceneError, SolverError, api, cli, load_scene, scene_from_dict, solve, sweep
-from latin_fmu.assembly import build, interfaces, problem
+from latin_fmu import InputError, SceneError, SolverError, api, building, cli, load_scene, scene_from_dict, solve, sweep
+from latin_fmu.assembly import interfaces, problem
 from latin_fmu.assembly.models import KeptOperators
 from latin_fmu.parametric import study as study_module
 from latin_fmu.parametric.point import parameters_of, read_parameter, to_and_fro
@@ -190,7 +190,7 @@ def test_nothing_is_discretised_twice(
 ) -> None:
     """Conditions of bodies, points of interfaces and traces are made anew where what they follow from changes."""
     made: list[str] = []
-    for module, name in ((build, "conditions_on"), (interfaces, "_placed"), (problem, "_trace")):
+    for module, name in ((building, "conditions_on"), (interfaces, "_placed"), (problem, "_trace")):
         original: Callable[..., Any] = getattr(module, name)
 
         def counting(*given: Any, _of: Callable[..., Any] = original, _name: str = name) -> Any:

@@ -12,8 +12,8 @@ import pytest
 import scipy.linalg as la
 
 from latin_fmu.api import run
-from latin_fmu.assembly.build import build
 from latin_fmu.assembly.problem import SolverReadyProblem
+from latin_fmu.building import build
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.outcome import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from latin_fmu.assembly.recovered_fields import _EXACT, compressed
+from latin_fmu.joined.recovered_fields import _EXACT, compressed
 
 
 def histories(seed: int) -> np.ndarray:

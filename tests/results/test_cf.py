@@ -17,9 +17,9 @@ import pytest
 import xarray as xr
 
 import latin_fmu
-from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.cli import main
 from latin_fmu.cosim import Session
+from latin_fmu.modal.modes import vibration_modes
 from latin_fmu.parametric.point import QUANTITIES
 from latin_fmu.parametric.study import sweep
 from latin_fmu.results import views

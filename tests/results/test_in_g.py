@@ -18,7 +18,7 @@ from latin_fmu.errors import SceneError
 from latin_fmu.pictures.summary_picture import spectra_figure, summary_figure
 from latin_fmu.results.groups import unit_of, units_of
 from latin_fmu.results.spectra import stored_spectra
-from latin_fmu.results.summary import prefix_for, readable
+from latin_fmu.scene.readable_numbers import prefix_for, readable
 from latin_fmu.scene.units import SI, UNIT_SYSTEMS
 
 SIZES = {"SI": 9.80665, "mm-t-s-MPa": 9806.65, "in-lbf-s-psi": 9.80665 / 0.0254}

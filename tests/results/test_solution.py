@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.results.solution import Solution
-from latin_fmu.results.summary import prefix_for, readable, readable_vector
+from latin_fmu.scene.readable_numbers import prefix_for, readable, readable_vector
 
 
 def test_attributes_are_those_of_the_outcome(crushing: Solution) -> None:

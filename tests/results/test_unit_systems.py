@@ -16,8 +16,8 @@ import pytest
 
 import latin_fmu
 from fmu_build.build import fmu_files
-from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.errors import SceneError
+from latin_fmu.modal.modes import vibration_modes
 from latin_fmu.parametric.point import Grid, Parameter, Plan, PointSolver
 from latin_fmu.parametric.study import dataset_of
 from latin_fmu.results.files import open_results

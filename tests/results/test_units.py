@@ -22,7 +22,7 @@ from latin_fmu.cosim.variables import table_of
 from latin_fmu.parametric.point import Grid, Parameter, Plan, PointSolver
 from latin_fmu.parametric.study import dataset_of
 from latin_fmu.results import views
-from latin_fmu.results.summary import readable
+from latin_fmu.scene.readable_numbers import readable
 from latin_fmu.scene.units import unit_text
 from latin_fmu.stability.scenes import half_sine
 

@@ -11,7 +11,6 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.propagator_choice import (
     PROPAGATORS,
     PropagatorSettings,
@@ -20,6 +19,7 @@ from latin_fmu.assembly.propagator_choice import (
     fitting,
     operator_bytes,
 )
+from latin_fmu.building import discretise
 from latin_fmu.effects import cost
 from latin_fmu.effects import explanation as explanation_module
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds

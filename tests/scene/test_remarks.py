@@ -11,7 +11,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import checked
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects.explanation import explain
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict

@@ -23,9 +23,9 @@ import pytest
 import xarray as xr
 
 import latin_fmu
-from latin_fmu.assembly.backbone import LOOPS, Backbone, Loop
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError, SolverError
+from latin_fmu.modal.backbone import LOOPS, Backbone, Loop
 from tests.scenes import clamp
 
 SIDE, K = 0.02, 2e6

@@ -18,7 +18,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy.coarse_effects import coarse_run
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import SceneError
 
 E, NU, RHO, R = 210e9, 0.3, 7800.0, 0.01

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import Box, Material, column

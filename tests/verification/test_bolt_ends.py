@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from latin_fmu import scene_from_dict
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.problem import DiscretisedProblem
+from latin_fmu.building import discretise
 from latin_fmu.errors import SceneError
 
 from .screw_meshes import Part, Profile, write

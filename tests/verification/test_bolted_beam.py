@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from latin_fmu import load_scene
-from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.modes import vibration_modes
+from latin_fmu.building import discretise
 from latin_fmu.mesh_files.reading import read_content
+from latin_fmu.modal.modes import vibration_modes
 
 from .known_answers import MODELS
 

@@ -13,16 +13,16 @@ from scipy.sparse.linalg import spsolve
 
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
-from latin_fmu.assembly.build import discretise, solver_ready
 from latin_fmu.assembly.merged_assembly import merge
-from latin_fmu.assembly.modes import vibration_modes
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.building import discretise, solver_ready
 from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.effects.cost import run_size
 from latin_fmu.effects.explanation import explain
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh
+from latin_fmu.modal.modes import vibration_modes
 from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.parametric.study import sweep
 from latin_fmu.results.solution import Solution

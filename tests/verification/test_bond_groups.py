@@ -11,11 +11,11 @@ import pytest
 
 from latin_fmu import scene_from_dict
 from latin_fmu import solve as solve_scene
-from latin_fmu.assembly.bond_groups import GroupedAssembly
-from latin_fmu.assembly.bonded_run import grouped_assembly
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects import march_choice
 from latin_fmu.effects.cost import Prediction
+from latin_fmu.joined.bond_groups import GroupedAssembly
+from latin_fmu.joined.bonded_run import grouped_assembly
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.results.solution import Solution
 from latin_fmu.stability.scenes import STEEL, Box, Description, Material, column, half_sine

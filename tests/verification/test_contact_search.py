@@ -10,8 +10,8 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.body import build_bodies
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed, with_found
+from latin_fmu.building import discretise
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import Problems, SceneError
 from latin_fmu.remarks import Remark

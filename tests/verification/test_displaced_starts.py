@@ -9,9 +9,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import check
-from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.cosim import Session
 from latin_fmu.errors import SceneError
+from latin_fmu.modal.modes import vibration_modes
 
 SIDE, DENSITY, STIFFNESS, GRAVITY = 0.01, 7800.0, 1e5, 9.81
 MASS = DENSITY * SIDE**3

@@ -10,7 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly import body as body_module
-from latin_fmu.assembly.build import build
+from latin_fmu.building import build
 from latin_fmu.fem.elements import MeanStress
 from latin_fmu.latin import solver, windows
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
@@ -178,7 +178,7 @@ def test_bonds_that_say_the_same_twice_are_solved_too() -> None:
 
 def test_bonds_to_moving_ground() -> None:
     """Bonded to ground at constant speed, over two segments: the block follows."""
-    from latin_fmu.assembly.segments import SegmentedRun
+    from latin_fmu.cosim.segments import SegmentedRun
 
     tables = scene()
     del tables["load"]

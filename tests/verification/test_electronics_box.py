@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import load_scene
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.mesh_files.reading import read_content
 from tests.scenes import MODELS, solved

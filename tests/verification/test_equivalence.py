@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.merged_assembly import _check_start, merge
 from latin_fmu.assembly.problem import SolverReadyProblem
+from latin_fmu.building import build, discretise
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.base import full_displacement
 from tests.alone import alone_of, started_alone

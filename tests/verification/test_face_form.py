@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.pictures.assembly_picture import assembly_figure
 from tests.scenes import given_motion, ramp

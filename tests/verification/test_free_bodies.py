@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse as sp
 
 import latin_fmu
-from latin_fmu.assembly import build as building
+from latin_fmu import building
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import solve

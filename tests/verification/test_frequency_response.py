@@ -11,10 +11,10 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import latin_fmu
-from latin_fmu.assembly import frequency_response
-from latin_fmu.assembly.build import without_scheme
-from latin_fmu.assembly.joined_assembly import JoinedAssembly
+from latin_fmu.building import without_scheme
 from latin_fmu.cli import main
+from latin_fmu.joined.joined_assembly import JoinedAssembly
+from latin_fmu.modal import frequency_response
 from latin_fmu.stability.scenes import Box, Material, column, placed
 from tests.scenes import MODELS
 

@@ -13,7 +13,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly import models
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 front = importlib.import_module("front_through_joint")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.inactive_substructures import arrival_times, cut_by_arrival
+from latin_fmu.building import build, discretise
 from latin_fmu.effects.explanation import explain
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 from tests.scenes import solve

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.inactive_substructures import arrival_times
+from latin_fmu.building import discretise
 
 STRAIN, LENGTH, SPEED = 1e-4, 0.1, 1000.0  # of the bar below: c = sqrt(E / rho)
 SPIN = (1.0, -2.0, 3.0)

@@ -124,7 +124,7 @@ def test_soft_impact_is_elastic(window: Any) -> None:
 
 def test_nothing_is_lost_where_a_run_is_cut() -> None:
     """The layer takes its displacements from the bodies."""
-    from latin_fmu.assembly.segments import SegmentedRun
+    from latin_fmu.cosim.segments import SegmentedRun
 
     tables = spring()
     end, n = tables["time"]["end"], tables["time"]["instants"]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.building import discretise
 from latin_fmu.compiled import PLAIN
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.explanation import choices
 from latin_fmu.errors import SceneError

@@ -14,11 +14,11 @@ from scipy.optimize import linprog
 import latin_fmu
 from latin_fmu import preparation
 from latin_fmu.assembly.body import body_sides
-from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.free_bodies import LimitLoad, loss_of_equilibrium
+from latin_fmu.building import build, discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.assembly import NoEquilibrium
 from latin_fmu.reader import load_scene
+from latin_fmu.statics.free_bodies import LimitLoad, loss_of_equilibrium
 from tests.scenes import ramp
 
 from .static_scenes import add_block, plates, scene

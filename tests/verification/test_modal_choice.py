@@ -11,7 +11,7 @@ import pytest
 
 from latin_fmu import scene_from_dict
 from latin_fmu.api import solve
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects import cost, modal_choice
 from latin_fmu.effects.explanation import explain
 from latin_fmu.effects.modal_choice import tries_modes

@@ -11,11 +11,11 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from latin_fmu import scene_from_dict
-from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.recovered_fields import compressed
-from latin_fmu.assembly.reduced_assembly import StaticSolver, digital, lowest
-from latin_fmu.assembly.rigid_parts import RigidParts
-from latin_fmu.assembly.tied_assembly import TiedAssembly, TieError, eliminated, jump_rows
+from latin_fmu.building import discretise
+from latin_fmu.joined.recovered_fields import compressed
+from latin_fmu.joined.reduced_assembly import StaticSolver, digital, lowest
+from latin_fmu.joined.rigid_parts import RigidParts
+from latin_fmu.joined.tied_assembly import TiedAssembly, TieError, eliminated, jump_rows
 from latin_fmu.propagator.lanczos import lowest_modes
 from latin_fmu.results.solution import Solution
 from latin_fmu.stability.scenes import STEEL, Box, column

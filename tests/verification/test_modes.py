@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.modes import Joints, vibration_modes
 from latin_fmu.cli import main
+from latin_fmu.modal.modes import Joints, vibration_modes
 from latin_fmu.stability.scenes import Box, Material, column, rubbing
 
 E, RHO, L, N = 210e9, 7800.0, 1.0, 20

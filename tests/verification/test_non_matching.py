@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.cosim.session import Session
 from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh

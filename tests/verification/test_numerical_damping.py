@@ -15,13 +15,13 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.modal_damping import LIMIT, scheme_damping
-from latin_fmu.assembly.modes import VibrationModes, vibration_modes
-from latin_fmu.assembly.statics import tightened
+from latin_fmu.building import discretise
 from latin_fmu.cli import main
+from latin_fmu.joined.modal_damping import LIMIT, scheme_damping
 from latin_fmu.latin.outcome import Outcome
+from latin_fmu.modal.modes import VibrationModes, vibration_modes
 from latin_fmu.stability.scenes import Box, Material, column
+from latin_fmu.statics.statics import tightened
 from latin_fmu.time_scheme import HHT, CentralDifference, GeneralizedAlpha, Newmark, TimeScheme
 
 from .bolted_meshes import write_joint

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.reader import scene_from_dict
 from tests.fem.scenes import box_file
 

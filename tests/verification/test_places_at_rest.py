@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.assembly.places_at_rest import _nearest
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import STEEL, Box, column
+from latin_fmu.statics.places_at_rest import _nearest
 from tests.scenes import solve
 
 ALPHA, CHANGE, EDGE = 1.2e-5, 50.0, 0.02

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.scene.strain_damping import StrainDamping, fitted
 from latin_fmu.stability.scenes import Box, Material, column, placed

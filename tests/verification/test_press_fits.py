@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.problem import DiscretisedProblem
+from latin_fmu.building import discretise
 from latin_fmu.fem.mesh import FacetSet, Mesh
 from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 from tests.scenes import ramp, solve

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.assembly.build import build
+from latin_fmu.building import build
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements, mass, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh

@@ -8,7 +8,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import check
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.cosim import Session
 from latin_fmu.errors import SceneError
 from latin_fmu.laws.contact import Contact

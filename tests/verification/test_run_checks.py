@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from latin_fmu.checks.run_checks import balance_remarks
 from latin_fmu.latin.outcome import Resultants
-from latin_fmu.run_checks import balance_remarks
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import ramp, solve
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build
-from latin_fmu.assembly.release import Release, released
+from latin_fmu.building import build
+from latin_fmu.checks.release import Release, released
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.latin.status import with_energy

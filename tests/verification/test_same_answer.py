@@ -7,7 +7,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.propagator_choice import PROPAGATORS
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.errors import SceneError
 from tests.scenes import solve
 

@@ -11,17 +11,17 @@ import pytest
 
 import latin_fmu
 from latin_fmu import api, preparation
-from latin_fmu.assembly import copies
-from latin_fmu.assembly.build import build
 from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
-from latin_fmu.assembly.sensitivities import Tangents
+from latin_fmu.building import build
 from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.interface.laws import SLIP, STICK
-from latin_fmu.latin import search_direction, tangent_run
+from latin_fmu.latin import search_direction
 from latin_fmu.latin.search_direction import relative_operator
-from latin_fmu.latin.tangent_run import TangentRun
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
+from latin_fmu.sensitivities import copies, tangent_run
+from latin_fmu.sensitivities.tangent_run import TangentRun
+from latin_fmu.sensitivities.tangents import Tangents
 from latin_fmu.stability.scenes import STEEL, Box, placed
 from tests.results import synthetic
 from tests.scenes import MODELS

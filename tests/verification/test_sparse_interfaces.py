@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.compiled import PLAIN
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.explanation import choices

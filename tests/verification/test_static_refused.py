@@ -12,8 +12,8 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly import body as bodies
-from latin_fmu.assembly.build import build
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.building import build
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.errors import SceneError
 from tests.scenes import ramp, solve
 

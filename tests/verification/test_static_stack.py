@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.effects.explanation import explain
 from latin_fmu.latin.coarse_problem import CoarseProblem
 from tests.scenes import solve, solved

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
+from latin_fmu.building import discretise
 from latin_fmu.cosim import Session
 from latin_fmu.errors import SceneError
 from latin_fmu.scene.strain_damping import PRECISION, fitted

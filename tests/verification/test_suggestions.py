@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, discretise
+from latin_fmu.building import build, discretise
 from latin_fmu.effects.explanation import LUMPED, Suggestion, explain
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene

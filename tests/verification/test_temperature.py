@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.building import discretise
 from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.reader import scene_from_dict

@@ -10,8 +10,8 @@ import pytest
 
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.assembly.body import build_bodies
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.threads import BoundaryFacets, with_threads
+from latin_fmu.building import discretise
 from latin_fmu.errors import Problems, SceneError
 from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, MeanStress, stiffness

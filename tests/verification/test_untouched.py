@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly import build as problems
-from latin_fmu.assembly.build import discretise
+from latin_fmu import building as problems
 from latin_fmu.assembly.untouched import touched
+from latin_fmu.building import discretise
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import ALUMINIUM, EDGE, STEEL, Box, column, half_sine

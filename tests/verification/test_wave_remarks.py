@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.wave_pace import SLOW, load_pace, longest_transit, waves_count
+from latin_fmu.building import discretise
 
 LENGTH = 0.05
 SHEAR = float(np.sqrt(210e9 / (2 * 1.3) / 7800.0))

@@ -16,7 +16,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import Solution
-from latin_fmu.assembly.build import build
+from latin_fmu.building import build
 from latin_fmu.kernels.energy_parts import N_WORK, PUT_IN
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder

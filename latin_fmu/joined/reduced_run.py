@@ -1,0 +1,352 @@
+"""A run of an assembly by its modes and the relative motions of its contacts (``reduced_assembly``).
+
+The reduced assembly is one substructure whose contacts meet the ground: the motion of their sides E relative to E' is
+that of its channels, the traction on E acts on it, and all laws of the interfaces are those of the scene. It has the
+time scheme of massless contact nodes, as the relative motions have no mass, and is marched as any other assembly.
+
+Driven faces enter as loads: with the shapes B of all bodies that follow them without inertia, u = B d + (the rest), the
+forces are -K B d - C B d' - M B d''. Energies are those of the whole motion, B d included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..assembly.initial_state import InitialState
+from ..assembly.models import ModelClass
+from ..errors import SolverError
+from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
+from ..latin.probes import FacePlace, OutputRequest
+from ..latin.recorder import Recorder
+from ..latin.settings import SolverSettings
+from ..propagator import Histories, LoadTerm, SubstructureModel
+from ..propagator.direct import DirectPropagator
+from ..propagator.model import FaceStiffness, closest_reduced
+from ..propagator.patches import OF_RESPONSE, partition
+from ..scene.schema import Scene
+from ..scene.settings import ModalPropagatorTable
+from ..time_scheme import MasslessContact
+from .reduced_assembly import (
+    MOST_MODES,
+    ReducedAssembly,
+    coarser,
+    coordinates,
+    marched_rows,
+    strain_rows,
+    with_forces,
+    without_matrices,
+)
+from .rigid_parts import RigidParts
+from .static_assembly import against_ground
+from .tied_assembly import DAMPING, MASS, STIFFNESS, TiedAssembly, TieError
+
+_SEARCH: Final = 3.3  # factor on the search direction
+_SHARE: Final = 0.2  # of the inverse of the step: frequency up to which modes are taken
+_BEYOND: Final = 4.0  # the same over the highest frequency of a spectrum, at least
+COARSER: Final = 2.0
+"""Cut-off of the modes of a march over that of the one for the estimate of its error."""
+NAME = "assembly"
+"""Name of the one substructure of a reduced assembly, and of the histories of its modes."""
+RELATIVE = "relative"
+"""Name of the histories of its relative motions."""
+
+
+@dataclass(frozen=True)
+class DrivenLoads:
+    """What drives a reduced assembly.
+
+    Attributes
+    ----------
+    forces : (n_full, n_drive) on all bodies for amplitude 1, N: loads, then -K B, -C B and -M B of the driven faces.
+    amplitudes : (n_drive, n_time) of these. shapes : B (n_full, n_motion). motions : d, d', d'' (3, n_motion, n_time).
+    """
+
+    forces: Array
+    amplitudes: Array
+    shapes: Array
+    motions: Array
+
+    @property
+    def rates(self) -> Array:
+        """Rates of the amplitudes (n_drive, n_time) over a step, the time in steps."""
+        if self.amplitudes.shape[1] < 2:
+            return np.zeros_like(self.amplitudes)
+        return np.asarray(np.gradient(self.amplitudes, axis=1))
+
+
+def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> DrivenLoads:
+    """Loads and driven faces of an assembly whose bodies have begun."""
+    n, n_time = tied.expansion.shape[0], len(bodies.time)
+    places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
+    columns = [np.zeros((n, 0))]
+    amplitudes = [np.zeros((0, n_time))]
+    moved = [np.zeros((3, 0, n_time))]
+    for model in tied.models:
+        propagator, member = places[model.name]
+        for load, amplitude in zip(model.loads, propagator.forcing.amplitudes[member], strict=True):
+            if amplitude.any() and load.pattern.any():
+                column = np.zeros((n, 1))
+                column[tied.where[model.name], 0] = load.pattern
+                columns.append(column)
+                amplitudes.append(amplitude[None])
+        histories = propagator.forcing.motion_histories(member)
+        if histories is not None:
+            moved.append(np.stack([h.T for h in histories[:3]]))
+    motions, shapes = np.concatenate(moved, axis=1), static_shapes(tied, reduced)
+    for kind, series in zip((STIFFNESS, DAMPING, MASS), motions, strict=True):
+        columns.append(-tied.times(kind, shapes))
+        amplitudes.append(series)
+    return DrivenLoads(np.hstack(columns), np.concatenate(amplitudes), shapes, motions)
+
+
+def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
+    """B (n_full, n_motion): shapes of all bodies that follow the driven faces without inertia."""
+    if not tied.driven.shape[1]:
+        return tied.driven
+    forces = -(tied.expansion.T @ (tied.times(STIFFNESS, tied.driven)))
+    moved = reduced.solver.solve(np.asarray(forces[: tied.n_free]))
+    return np.asarray(tied.driven + tied.expansion[:, : tied.n_free] @ moved)
+
+
+@dataclass(frozen=True)
+class MotionPlace(FacePlace):
+    """Dofs of the one substructure: displacements, velocities and accelerations, or the first ``count`` of them."""
+
+    count: int = 3
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """That of its series at an instant."""
+        return self.count, self.trace.shape[0]
+
+    def read(self, values: Array, _of: Any, /) -> Array:
+        """The motion as it is, (n, count, n_dof)."""
+        return values[:, : self.count]
+
+
+@dataclass(frozen=True)
+class ReducedMarch:
+    """A reduced assembly that is ready to be marched.
+
+    Attributes
+    ----------
+    assembly : the reduced one. bodies : the assembly of all bodies, with ``BodyMotions``. reduced : modes and
+    stiffnesses. drives : loads and driven faces. units : numbers of the interfaces with relative motions. cutoff : of
+    the modes, Hz. stored : elastic energy of all bodies at t = 0, J.
+    """
+
+    assembly: Assembly
+    bodies: Assembly
+    reduced: ReducedAssembly
+    drives: DrivenLoads
+    units: tuple[int, ...]
+    cutoff: float
+    stored: float
+
+    @property
+    def tied(self) -> TiedAssembly:
+        """The assembly whose modes these are."""
+        return self.reduced.tied
+
+    @property
+    def in_words(self) -> str:
+        """What is marched."""
+        reduced = self.reduced
+        return (
+            f"{reduced.n_mode} modes of the assembly up to {self.cutoff:.4g} Hz, {reduced.tied.n_relative} relative "
+            "motions of contacts"
+        )
+
+    @property
+    def scheme_in_words(self) -> str:
+        """The time scheme, and why."""
+        return f"{self.assembly.scheme.name} (relative motions of contacts have no mass, modes keep their frequencies)"
+
+    def settings(self, given: SolverSettings) -> SolverSettings:
+        """The rules of the iteration: the search direction is that of the compliance of all contacts together, and the
+        work of an iterate's error is far below that of the modes left out."""
+        search = given.search_direction
+        if search.kind == "automatic":
+            search = replace(search, factor=_SEARCH * search.factor)
+        return replace(given, search_direction=search, newton=False, residual_alone=True, skip_unchanged=False)
+
+    def recorder(self, energy: bool) -> Recorder:
+        """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
+        dofs, m = sp.csr_array(sp.eye_array(self.assembly.propagators[0].n_dof)), self.reduced.n_mode
+        # what has no mass has velocities and accelerations of the scheme alone
+        places = {NAME: MotionPlace(NAME, dofs[:m]), RELATIVE: MotionPlace(NAME, dofs[m:], count=1)}
+        return Recorder(self.assembly, OutputRequest(energy=energy, faces=places), {})
+
+
+def reduced_march(
+    scene: Scene,
+    classes: Sequence[ModelClass],
+    bodies: Assembly,
+    start: InitialState | None,
+    viscosities: Mapping[str, float],
+    finer: ReducedMarch | None = None,
+) -> ReducedMarch:
+    """The reduced assembly of a scene.
+
+    classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
+    start : the equilibrium that the motion starts from. viscosities : b of the damping b K by strains, s, by body.
+    finer : of the same scene in shorter steps, whose modes up to 1 / ``COARSER`` of its cut-off are taken.
+
+    Raises
+    ------
+    TieError : an assembly that cannot be reduced.
+    """
+    units, dt = bodies.interfaces, bodies.dt
+    modes, cutoff = _modes(scene, classes, bodies, viscosities) if finer is None else _fewer_modes(finer, dt)
+    tied = modes.tied
+    drives = drives_of(tied, modes, bodies)
+    reduced = with_forces(modes, drives.forces)
+    relative = tied.joints.relative
+    alone = [against_ground(units[i]) for i in relative]
+    layout = Layout(alone)
+    channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
+    model = _model(reduced, _start(tied, reduced, drives), layout, channels, _patches(alone, reduced, layout, finer))
+    try:
+        propagator = DirectPropagator([model], MasslessContact(), dt, True)
+    except SolverError as error:
+        # they have no mass: what parts that nothing but contacts holds have, modes give
+        what = f"relative motions of contacts have neither stiffness nor enough inertia in {reduced.n_mode} modes"
+        raise TieError(f"{what}: parts that nothing but contacts holds need more of them (`highest`)") from error
+    propagator.loads_only = not scene.output.energy
+    assembly = Assembly(
+        [propagator],
+        [channels[:, None]],
+        alone,
+        layout,
+        _impedance(propagator, channels, layout.n_flat),
+        bodies.characteristic_traction,
+        MasslessContact(),
+    )
+    assembly.rest_traction = -1.0
+    if start is not None:
+        start.hand_over(assembly)
+    histories = Histories(bodies.time, list(drives.amplitudes), np.zeros((len(bodies.time), 0)))
+    propagator.begin([histories], dt)
+    ground = {j: _ground_velocity(bodies, i) for j, i in enumerate(relative)}
+    still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(relative)}
+    assembly.begin(bodies.time, dt, ground, still)
+    moved = np.concatenate([m.displacement for m in tied.models])
+    stored = 0.5 * float(moved @ tied.times(STIFFNESS, moved))
+    return ReducedMarch(assembly, bodies, without_matrices(reduced), drives, relative, cutoff, stored)
+
+
+def _modes(
+    scene: Scene, classes: Sequence[ModelClass], bodies: Assembly, viscosities: Mapping[str, float]
+) -> tuple[ReducedAssembly, float]:
+    """Modes of the assembly, and the frequency up to which they are taken, Hz."""
+    units, cutoff = bodies.interfaces, cutoff_of(scene, bodies.dt)
+    tied = TiedAssembly.of(classes, units, bodies.layout)
+    for i in (*tied.joints.bonded, *tied.joints.linear):
+        if units[i].against_ground and bodies.ground.velocity[i].any():
+            raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
+    modes = ReducedAssembly.of(tied, RigidParts.of(tied, bodies.layout), bodies.dt, cutoff, viscosities)
+    if modes is None:
+        raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
+    return modes, cutoff
+
+
+def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
+    """Those of a march in steps dt, s, for the estimate of the error of a finer one."""
+    cutoff = finer.cutoff / COARSER
+    return coarser(finer.reduced, dt, cutoff), cutoff
+
+
+def cutoff_of(scene: Scene, dt: float) -> float:
+    """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else what the steps resolve."""
+    table = scene.solver.propagator
+    if isinstance(table, ModalPropagatorTable) and table.highest is not None:
+        return table.highest
+    return _SHARE / dt
+
+
+def steps_resolve_spectra(scene: Scene, dt: float) -> bool:
+    """Whether steps dt, s, march the modes that the spectra of a scene ask for."""
+    spectra = [sensor.spectrum for sensor in scene.sensor.values() if sensor.spectrum is not None]
+    return all(_BEYOND * spectrum.last(dt) <= _SHARE / dt * (1.0 + 1e-9) for spectrum in spectra)
+
+
+def _ground_velocity(bodies: Assembly, i: int) -> Array:
+    """Velocity (n_time, 3) of what side E moves relative to."""
+    return bodies.ground.velocity.get(i, np.zeros((len(bodies.time), 3)))
+
+
+def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
+    """Impedance (n_flat,) of the relative motions: traction of a point per velocity of its own in a step, others free;
+    steps are longer than waves take through an element, and those of the materials say little."""
+    made = np.zeros(n_flat)
+    admittance = propagator.operators.compliance.diagonal() * propagator.operators.area
+    made[channels] = np.divide(1.0, admittance, out=np.zeros_like(admittance), where=admittance > 0.0)
+    return made
+
+
+def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
+    """Modes and relative motions (n,) at t = 0: displacements and velocities."""
+    made = []
+    for kind, loads in ((0, drives.amplitudes[:, 0]), (1, np.zeros(len(drives.amplitudes)))):
+        own = np.concatenate([m.velocity if kind else m.displacement for m in tied.models])
+        full = own - drives.shapes @ drives.motions[kind, :, 0]
+        parts = [closest_reduced(m.expansion, full[tied.where[m.name], None])[:, 0] for m in tied.models]
+        q, r = np.concatenate(parts)[tied.free], np.asarray(tied.jump @ full)
+        made.append(coordinates(reduced, q, r, loads))
+    return made[0], made[1]
+
+
+def _patches(
+    units: Sequence[InterfaceUnit], reduced: ReducedAssembly, layout: Layout, finer: ReducedMarch | None
+) -> list[Index]:
+    """Rows of S, patch by patch: those of ``finer``, whose S it is, where there is one."""
+    if finer is not None:
+        face = finer.assembly.propagators[0].members[0].face
+        assert face is not None, "a reduced assembly has a stiffness of its relative motions"
+        return face.patches
+    places = [np.zeros((0, 3))]
+    for j, unit in enumerate(units):
+        places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
+    return partition(np.concatenate(places)[reduced.tied.exists], reduced.relative, OF_RESPONSE)
+
+
+def _model(
+    reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index, patches: list[Index]
+) -> SubstructureModel:
+    """The reduced assembly as one substructure; ``patches`` : of its relative motions."""
+    m, n = reduced.n_mode, reduced.n_mode + reduced.tied.n_relative
+    exists = np.flatnonzero(reduced.tied.exists)
+    mass = np.zeros(n)
+    mass[:m] = 1.0
+    drag = np.zeros((n, n))
+    drag[:m, :m] = reduced.drag
+    stiffness = reduced.relative
+    return SubstructureModel(
+        name=NAME,
+        mass=sp.csr_array(sp.diags_array(mass)),
+        damping=sp.csr_array(drag),
+        stiffness=sp.csr_array((n, n)),
+        expansion=sp.csr_array(sp.eye_array(n)),
+        trace=sp.csr_array(sp.coo_array((np.ones(n - m), (exists, np.arange(m, n))), shape=(len(channels), n))),
+        channel_area=layout.area[channels],
+        loads=[LoadTerm(f"drive {k}", column) for k, column in enumerate(reduced.drives.T)],
+        displacement=start[0],
+        velocity=start[1],
+        imposed_pattern=np.zeros((n, 0)),
+        imposed_start=np.zeros(0),
+        viscous_rows=strain_rows(reduced),
+        face=FaceStiffness(
+            stiffness,
+            reduced.relative_viscosity,
+            marched_rows(reduced),
+            patches,
+            np.append(reduced.marched.shares, np.zeros(len(reduced.inertia.root))),
+            reduced.branches,
+            n_inertial=len(reduced.inertia.root),
+        ),
+    )

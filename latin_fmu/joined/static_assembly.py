@@ -1,0 +1,221 @@
+"""The assembly as one body without inertia: the linear stage of statics over all bodies together.
+
+Bodies that are bonded by perfect interfaces move together: their dofs x = Q q + D d follow from those that are left, q,
+and from driven faces d (``tied_assembly``). The others meet at points with the relative motions r = T_E u_E - T_E' u_E'
+of their sides. With the springs k of the search direction between the sides of every point, one linear stage is
+
+    (K + T^T a k/dt T) (q_{n+1} - q_n) = f_{n+1} - K q_n + T^T a p,      T r-rows of q, a areas, p incoming tractions
+
+a single factor of the whole assembly: bonds are not iterated, a load reaches every body within one iteration, and no
+coarse problem is needed. It is that of one substructure whose points meet the ground (``propagator.static``), with the
+traction on side E and the motion of E over E'. Laws act point by point as they do between bodies.
+
+The springs are the stiffness of a point of its size, E sqrt(a) per point of area a, of both sides in series; those of
+elastic layers are the layers themselves, which one iteration solves then.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..assembly.body import Body, body_sides, consecutive
+from ..assembly.models import ModelClass
+from ..fem.dissection import dissected
+from ..interface.laws import bonds
+from ..latin.assembly import Array, Index, InterfaceUnit, Layout
+from ..propagator import LoadTerm, SubstructureModel
+from .tied_assembly import Joints, channel_trace, eliminated, joint_rows, jump_rows
+
+NAME: Final = "assembly"
+"""Name of the one substructure."""
+_STIFFEST: Final = 30.0
+"""Times the stiffness of a point up to which the springs are those of a layer: beyond, layers are as rigid as bonds."""
+
+
+@dataclass(frozen=True)
+class StaticAssembly:
+    """The assembly as one substructure (module docstring).
+
+    Attributes
+    ----------
+    models : of the bodies. where : slices of their full dofs among those of all. model : the one substructure, with the
+    full dofs of all bodies. free : (n,) numbers of its dofs q among the reduced dofs of all bodies. trace : (n_flat,
+    n_full) from the full dofs to the channels of all interfaces. bonded, relative : numbers of the interfaces that are
+    eliminated, and of those with relative motions. units : the latter, against ground. springs : (n_channel,) of the
+    search direction, Pa m-1. key : of what the operators depend on.
+    """
+
+    models: list[SubstructureModel]
+    where: Mapping[str, slice]
+    model: SubstructureModel
+    free: Index
+    trace: sp.csr_array
+    bonded: tuple[int, ...]
+    relative: tuple[int, ...]
+    units: list[InterfaceUnit]
+    layout: Layout
+    springs: Array
+    key: bytes
+
+    @staticmethod
+    def of(
+        classes: Sequence[ModelClass], units: Sequence[InterfaceUnit], layout: Layout, bodies: Mapping[str, Body]
+    ) -> StaticAssembly:
+        """The assembly of classes of bodies and interfaces.
+
+        Raises
+        ------
+        TieError : bonds between faces that are driven apart.
+        """
+        models = [m for c in classes for m in c.members]
+        where, n_full = consecutive({m.name: m.n_full for m in models})
+        trace = channel_trace(classes, layout, where, n_full)
+        bonded = tuple(i for i, unit in enumerate(units) if bonds(unit.behaviour))
+        relative = tuple(i for i in range(len(units)) if i not in bonded)
+        expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
+        driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
+        # members of a class have equal matrices, which are reduced once
+        stiffness = sp.block_diag([c.members[0].reduced_stiffness for c in classes for _ in c.members], format="csr")
+        free = np.arange(expansion.shape[1], dtype=np.int64)
+        if bonded:
+            rows, weights, _ = joint_rows(units, layout, trace, Joints(bonded, (), ()))
+            made = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
+            driven = driven + expansion @ made.driven
+            expansion, stiffness = (
+                sp.csr_array(expansion @ made.q_part),
+                sp.csr_array(made.q_part.T @ stiffness @ made.q_part),
+            )
+            free = made.free
+        stiffness = sp.csr_array(stiffness)
+        stiffness.sort_indices()
+        against = [against_ground(units[i]) for i in relative]
+        own = Layout(against)
+        jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in relative)]
+        jump = sp.csr_array(sp.vstack(jumps))
+        channels = np.concatenate([np.zeros(0, dtype=np.int64), *(layout.channels(i, 0).ravel() for i in relative)])
+        areas = layout.area[channels]
+        model = SubstructureModel(
+            name=NAME,
+            mass=None,
+            damping=None,
+            stiffness=sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr")),
+            expansion=expansion,
+            trace=jump,
+            channel_area=areas,
+            loads=joined_loads(models, where, n_full),
+            # set by ``static_run``, which knows which dofs are left
+            displacement=np.zeros(n_full),
+            velocity=np.zeros(n_full),
+            imposed_pattern=driven,
+            imposed_start=np.concatenate([np.zeros(0), *(m.imposed_start for m in models)]),
+            swept=bool(relative),
+            store=models[0].store,
+        )
+        model.__dict__["reduced_stiffness"] = stiffness
+        ordered(model, models, bodies)
+        springs = point_springs(units, layout, bodies)[channels]
+        return StaticAssembly(
+            models, where, model, free, trace, bonded, relative, against, own, springs, _key(classes, units)
+        )
+
+    @property
+    def joints(self) -> Joints:
+        """The interfaces by what they are here: layers are among those with relative motions."""
+        return Joints(self.bonded, (), self.relative)
+
+    @property
+    def channels(self) -> Index:
+        """Channels (n_channel,) of the relative motions in the layout of ``units``."""
+        parts = [self.layout.channels(j, 0).ravel() for j in range(len(self.relative))]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
+
+def against_ground(unit: InterfaceUnit) -> InterfaceUnit:
+    """The interface with the motion of side E relative to E' in the place of that of E, and ground for E'."""
+    n = 3 * unit.geometry.n_point
+    geometry = replace(unit.geometry, traces=(sp.csr_array(sp.eye_array(n)), None), owner=0)
+    return replace(unit, sides=(unit.sides[0], "ground"), geometry=geometry)
+
+
+def joined_loads(models: Sequence[SubstructureModel], where: Mapping[str, slice], n_full: int) -> list[LoadTerm]:
+    """Loads of all bodies, those of one law together."""
+    patterns: dict[str, Array] = {}
+    for model in models:
+        for load in model.loads:
+            patterns.setdefault(load.name, np.zeros(n_full))[where[model.name]] += load.pattern
+    return [LoadTerm(name, pattern) for name, pattern in patterns.items()]
+
+
+def ordered(model: SubstructureModel, models: Sequence[SubstructureModel], bodies: Mapping[str, Body]) -> None:
+    """Give a model its interface dofs and the elimination order of its dofs, by nested dissection of their places."""
+    trace = sp.csc_array(model.reduced_trace)
+    dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
+    if not model.expansion.shape[1]:  # all bodies are held
+        model.__dict__["at_interface"] = dofs, sp.csr_array(trace), None
+        return
+    positions = [_positions(m, bodies[m.name]) for m in models]
+    # a dof has the place of the first full dof that it moves
+    columns = sp.csc_array(model.expansion)
+    places = np.concatenate(positions)[columns.indices[columns.indptr[:-1]]]
+    rounded = np.round(places / max(float(np.ptp(places, axis=0).max(initial=0.0)), 1e-300), 9)
+    # dofs of one place are one node of the graph
+    _, first, node = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    node = node.ravel()
+    touching = sp.csr_array((np.ones(trace.nnz), trace.indices, trace.indptr), shape=trace.shape[::-1])
+    by_points = sp.csr_array(touching @ touching.T)
+    n, matrices = len(first), (model.reduced_stiffness, by_points)
+    pairs = [(np.repeat(node, np.diff(matrix.indptr)), node[matrix.indices]) for matrix in matrices]
+    rows, others = (np.concatenate([a, b, np.arange(n)]) for a, b in zip(*pairs, strict=True))
+    graph = sp.csr_array(sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, others)), shape=(n, n)))
+    rank, parts = dissected(places[first], graph)
+    model.__dict__["at_interface"] = dofs, sp.csr_array(trace[:, dofs]), rank[node]
+    model.__dict__["reduced_parts"] = parts[node]
+
+
+def _positions(model: SubstructureModel, body: Body) -> Array:
+    """Places (n_full, 3) of the full dofs of a body, m: of a rigid one its middle."""
+    if model.positions is None:
+        return np.tile(body.mesh.nodes.mean(axis=0), (model.n_full, 1))
+    return np.repeat(model.positions, 3, axis=0)
+
+
+def point_springs(units: Sequence[InterfaceUnit], layout: Layout, bodies: Mapping[str, Body]) -> Array:
+    """Springs per area of every channel (n_flat,), Pa m-1: E / sqrt(area) of both sides in series, or those of a
+    layer."""
+    softness = np.zeros(layout.n_flat)
+    stiffest = max(b.shape.elasticity.young_moduli[1] for b in bodies.values())
+    for i, side, name in body_sides(units):
+        modulus = bodies[name].shape.elasticity.young_moduli[0]
+        softness[layout.channels(i, side)] += 0.0 if bodies[name].rigid else 1.0 / modulus
+    springs = np.zeros(layout.n_flat)
+    for i, unit in enumerate(units):
+        first, second = layout.channels(i, 0), layout.channels(i, 1)
+        both = softness[first] + softness[second]
+        both = np.where(both > 0.0, both, 1.0 / stiffest)
+        own = 1.0 / (both * np.sqrt(unit.geometry.areas)[:, None])
+        springs[first] = springs[second] = _of_layer(unit, own)
+    return springs
+
+
+def _of_layer(unit: InterfaceUnit, springs: Array) -> Array:
+    """Springs (n_point, n_component) of a law: those of an elastic layer where it has any."""
+    if not unit.behaviour.elastic or unit.behaviour.opens or not unit.behaviour.compliant:
+        return springs
+    layer = unit.behaviour.point_parameters(unit.geometry.n_point)[:, [0, *[1] * (springs.shape[1] - 1)]]
+    return np.where(layer > 0.0, np.minimum(layer, _STIFFEST * springs), springs)
+
+
+def _key(classes: Sequence[ModelClass], units: Sequence[InterfaceUnit]) -> bytes:
+    """Equal for assemblies of equal bodies and joints."""
+    digest = hashlib.sha256()
+    for c in classes:
+        digest.update(repr([m.name for m in c.members]).encode() + c.key)
+    for unit in units:
+        digest.update(repr((unit.name, unit.sides, unit.behaviour)).encode())
+    return digest.digest()

@@ -1,0 +1,129 @@
+"""A static problem solved to the end of its increments: body by body, or over the whole assembly at once.
+
+Bodies are solved one by one, as their operators are at hand for the motion that follows. Where that finds no
+equilibrium, as for frames whose columns slide far, the linear stage is that over the whole assembly (``static_run``);
+not where derivatives need what was solved of each body, and where the assembly has no such form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ..assembly.initial_state import InitialState
+from ..assembly.models import Kept
+from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
+from ..errors import SolverError
+from ..joined.tied_assembly import TieError
+from ..latin.outcome import Timings
+from ..latin.settings import SolverSettings
+from ..latin.windows import Run
+from ..propagator import StaticPropagator
+
+if TYPE_CHECKING:
+    from .static_run import StaticMarch
+
+_UNSEEN: Final = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
+TIGHT: Final = 1e-11, 1e-9
+"""Tolerances of the static solution; twice what was reached where round-off prevents both."""
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A solved static problem.
+
+    Attributes
+    ----------
+    run : of its increments. tolerance : that it has met. solved : what was run, the whole assembly or its bodies.
+    """
+
+    run: Run
+    tolerance: float
+    solved: StaticMarch | SolverReadyProblem
+
+    @property
+    def of_bodies(self) -> SolverReadyProblem:
+        """What was run, of a problem whose bodies were solved one by one."""
+        assert isinstance(self.solved, SolverReadyProblem)
+        return self.solved
+
+    def state(self, amplitudes: Mapping[str, float]) -> InitialState:
+        """Displacements, tractions and gaps at the end; ``amplitudes`` of the loads that are set from outside."""
+        run, tolerance = self.run, self.tolerance
+        if isinstance(self.solved, SolverReadyProblem):
+            displacement, traction = _of_bodies(self.solved, run)
+        else:
+            displacement, traction = self.solved.displacement(), self.solved.tractions(run.f_hat)
+        closure, gaps = {}, dict(zip(map(id, run.assembly.layout.groups), run.gaps(), strict=True))
+        for i, unit in enumerate(run.assembly.interfaces):
+            group = run.assembly.layout.group(i)
+            if unit.behaviour.opens and not unit.behaviour.elastic:
+                # pressed points are closed: what gap they have is a residual of the iteration
+                pressed = traction[unit.name][:, 0] < 0.0
+                closure[unit.name] = np.where(pressed, gaps[id(group)][group.members[i]], 0.0)
+        windows = run.windows
+        message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
+        remarks = (
+            ()
+            if tolerance <= _UNSEEN
+            else (
+                f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
+                "the residual forces excite vibrations; lower solver.tolerance, or refine where bodies touch",
+            )
+        )
+        return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)
+
+
+def _of_bodies(problem: SolverReadyProblem, run: Run) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Displacements of the bodies and tractions of the interfaces at the end of a run of single bodies."""
+    assembly, displacement = problem.assembly, {}
+    for p in assembly.propagators:
+        assert isinstance(p, StaticPropagator)
+        imposed = p.forcing.imposed_u(p.instant)
+        for j, member in enumerate(p.members):
+            displacement[member.name] = member.expansion @ p.state.u[:, j] + imposed[:, j]
+    traction = {unit.name: run.f_hat[assembly.layout.channels(i, 0)] for i, unit in enumerate(assembly.interfaces)}
+    return displacement, traction
+
+
+def equilibrium(
+    discretised: DiscretisedProblem, start: InitialState | None, own: SolverSettings, kept: Kept, bodies: bool = False
+) -> Equilibrium:
+    """The static problem solved from an initial state; its run has not converged where no tolerance is reached, ``own``
+    of the scene neither. ``bodies`` : whether they are solved one by one alone."""
+    found = _solved(lambda: discretised.build(start, kept), own)
+    if found.run.status()[0] or bodies:
+        return found
+    from .static_run import static_assembly, static_march
+
+    try:
+        assembly = static_assembly(discretised)
+        whole = _solved(lambda: static_march(discretised, start, assembly, kept), own)
+    except (TieError, SolverError):
+        return found
+    return whole if whole.run.status()[0] else found
+
+
+def _solved(make: Callable[[], StaticMarch | SolverReadyProblem], own: SolverSettings) -> Equilibrium:
+    """A problem solved to the smallest of the tolerances that it meets, made anew for each."""
+    tolerance = force = TIGHT[0]
+    while True:
+        made = make()
+        recorder = made.recorder()
+        settings = replace(made.settings, tolerance=tolerance, force_tolerance=force)
+        run = Run(made.assembly, settings, recorder, Timings())
+        run.all()
+        if run.status()[0] or tolerance == own.tolerance:
+            break
+        # Soft supports of stiff bodies leave round-off above the tight tolerances.
+        reached = 2.0 * max((max(w.final_error, w.final_mismatch) for w in run.windows), default=np.inf)
+        # what round-off left allows, doubled: the next run must be able to meet it
+        next_one = max(TIGHT[1], reached)
+        if tolerance == TIGHT[0] and next_one < own.tolerance:
+            tolerance = force = next_one
+        else:
+            tolerance, force = own.tolerance, own.force_tolerance
+    return Equilibrium(run, tolerance, made)
