@@ -42,9 +42,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from .accuracy.estimate import estimate_error
-    from .api import Iteration, check, solve
+    from .api import check, solve
     from .calibration.study import calibrate
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
+    from .march import Iteration
     from .modal.backbone import backbone
     from .modal.frequency_response import frf
     from .modal.modes import vibration_modes
@@ -99,7 +100,7 @@ _MODULES: Final = MappingProxyType(
             ("InputError", "LatinError", "MeshError", "ResultsError", "SceneError", "SolverError"), "errors"
         ),
         "Checkpoint": "results.checkpoint",
-        "Iteration": "api",
+        "Iteration": "march",
         "Scene": "scene.schema",
         "Solution": "results.solution",
         "backbone": "modal.backbone",

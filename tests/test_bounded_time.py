@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu import api
+from latin_fmu import api, attempts
 from latin_fmu.accuracy.estimate import estimate_error
 from latin_fmu.cli import main
 from latin_fmu.sensitivities.tangents import Tangents
@@ -124,7 +124,7 @@ def test_derivatives_and_their_checks_take_what_is_left(monkeypatch: pytest.Monk
     described = latin_fmu.scene_from_dict(thrown(20) | {"output": named})
     whole = latin_fmu.solve(described)
     assert whole.sensitivities.tried == tuple(named["sensitivities"])
-    own, of_derivatives, now = api._marched, Tangents.march, [0.0]
+    own, of_derivatives, now = attempts.march, Tangents.march, [0.0]
     later: dict[str, float] = {}
 
     def marched(*given: Any) -> Any:
@@ -137,9 +137,9 @@ def test_derivatives_and_their_checks_take_what_is_left(monkeypatch: pytest.Monk
         now[0] += later.get("derivatives", 0.0)
         return made
 
-    monkeypatch.setattr(api, "_marched", marched)
+    monkeypatch.setattr(attempts, "march", marched)
     monkeypatch.setattr(Tangents, "march", derived)
-    monkeypatch.setattr(api.clock, "process_time", lambda: now[0])
+    monkeypatch.setattr(attempts.clock, "process_time", lambda: now[0])
     for after, said in (
         ({"run": 6.0}, "no derivatives: the limit of 5 s of CPU time leaves no time for them"),
         ({"derivatives": 6.0}, "are not checked: the limit of 5 s of CPU time leaves no time for them"),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene_from_dict, solve
+from latin_fmu import SceneError, Solution, api, attempts, load_scene, march, open_results, scene_from_dict, solve
 from latin_fmu.assembly.propagator_choice import PropagatorSettings, fitting
 from latin_fmu.building import discretise
 from latin_fmu.cli import main
@@ -189,7 +189,7 @@ def test_predicted_memory_against_real(settings: tuple[str, ...], tmp_path: Path
     """To a factor of two, of what the process takes after the set-up of Python and of the libraries."""
     (tmp_path / "scene.toml").write_text(SCENE)
     code = f"""
-from latin_fmu import api, load_scene
+from latin_fmu import api, load_scene, march
 from latin_fmu.building import discretise
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.cost import memory_need
@@ -253,8 +253,8 @@ def streamed(scene: Path, target: Path, *settings: str, **options: Any) -> Solut
 @pytest.fixture
 def small_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Histories go to a file although they are short, and are read in blocks of 64 instants."""
-    monkeypatch.setattr(api, "STREAMED", 0.0)
-    monkeypatch.setattr(api, "IN_MEMORY", 100)
+    monkeypatch.setattr(march, "STREAMED", 0.0)
+    monkeypatch.setattr(march, "IN_MEMORY", 100)
     monkeypatch.setattr(interface_rows, "_BLOCK", 64)
     monkeypatch.setattr(dataset, "_WINDOWS", 50)
 
@@ -333,7 +333,7 @@ def peak_of_a_run(place: Path, code: str, settings: list[str]) -> list[float]:
     (place / "scene.toml").write_text(three_blocks())
     whole = f"""
 from pathlib import Path
-from latin_fmu import api, load_scene
+from latin_fmu import api, load_scene, march
 from latin_fmu.machine import peak_memory
 scene = load_scene("scene.toml", {settings})
 {code}
@@ -388,7 +388,7 @@ def three_blocks() -> str:
 def test_memory_hardly_grows_with_the_instants(tmp_path: Path) -> None:
     """From 5,000 to 20,000 instants: the rows in memory stay 500, the windows take 100 bytes each, and what the summary
     reads at once grows (20.3 MB in all); in memory the histories would take 4.4 kB per instant, 66 MB."""
-    code = "api.STREAMED, api.IN_MEMORY = 0.0, 500"
+    code = "march.STREAMED, march.IN_MEMORY = 0.0, 500"
     short, long = (peak_of_a_run(tmp_path, code, [f"time.instants={n}"])[0] for n in (5_000, 20_000))
     assert long - short < 25e6
 
@@ -416,7 +416,7 @@ def test_a_disk_without_room_for_the_results_is_told_before_the_run(tmp_path, ca
     (tmp_path / "scene.toml").write_text(SCENE)
     usage = shutil.disk_usage(tmp_path)._replace(free=200_000)
     monkeypatch.setattr("latin_fmu.results.writing.shutil.disk_usage", lambda _: usage)
-    monkeypatch.setattr(api, "run", lambda *_, **__: pytest.fail("solved although there is no room"))
+    monkeypatch.setattr(attempts, "march", lambda *_, **__: pytest.fail("solved although there is no room"))
     assert (
         main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.nc"), "--set", "time.instants=20000"]) == 2
     )

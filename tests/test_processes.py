@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from latin_fmu import InputError, load_scene, open_results, scene_from_dict
+from latin_fmu.attempts import check_distributable
 from latin_fmu.building import discretise
 from latin_fmu.latin.processes import distributed
-from latin_fmu.preparation import check_distributable
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine, placed, rubbing
 
 from .test_process import environment

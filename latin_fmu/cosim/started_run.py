@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..api import computable
-from ..errors import SolverError
+from ..errors import SolverError, computable
 from ..kernels.communication import FREE
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene

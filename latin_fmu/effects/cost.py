@@ -47,6 +47,7 @@ from ..propagator.direct import ConjugateGradients
 from ..propagator.interface_probing import ROUGH, Points, truncation_of
 from ..propagator.interface_sweeps import SET_UP, long_steps, stiffness_over_inertia
 from ..propagator.model import SubstructureModel, operator_weights
+from ..results.writing import IN_MEMORY, STREAMED
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
 from ..sensitivities.copies import MOST
@@ -533,10 +534,6 @@ def _reach(
     return reach, float(kept.mean()), float((apart <= 1.0001 * reach).sum(axis=0).max(initial=0))
 
 
-STREAMED: Final = 64e6
-"""Bytes of interface histories from which on a run that may do so keeps them in a file."""
-IN_MEMORY: Final = 20_000
-"""Instants of such histories that are kept in memory, at most."""
 _CELL: Final = 15e3  # bytes of matrices and meshes per cell
 _OPERATORS: Final = 2.2  # peak while operators are made, over their size
 _COPIES: Final = 3.0  # stored fields: as they were kept, as one array, and while they are written

@@ -23,6 +23,10 @@ from ..errors import Problem, ResultsError
 
 Write = Callable[[Path], object]
 """Writes an output to the path it is given."""
+STREAMED: Final = 64e6
+"""Bytes of interface histories from which on a run that may do so keeps them in a file."""
+IN_MEMORY: Final = 20_000
+"""Instants of such histories that are kept in memory, at most."""
 
 _KINDS: Final = (
     (stat.S_ISDIR, "a folder"),

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.api import run
 from latin_fmu.kernels import entries, iteration
 from latin_fmu.kernels.instants import accept
 from latin_fmu.latin.run_image import negligible_scales
 from latin_fmu.latin.search_direction import Direction
 from latin_fmu.latin.settings import SolverSettings
+from latin_fmu.march import march as run
 from tests.plain_kernels import call
 
 Array = np.ndarray
@@ -222,9 +222,9 @@ def test_shear_error_is_seen_beside_a_large_pressure(march: Any, assembly: Any) 
 @pytest.mark.parametrize("factor", [0.3, 4.0])
 def test_runs_stop_at_the_same_distance_from_the_answer_for_any_k(blocks_scene: Any, made: Any, factor: float) -> None:
     """No choice of k changes the measure of convergence: the certified error bounds the true one alike."""
-    answer = run(made(blocks_scene(solver={"tolerance": 1e-9, "force_tolerance": 1e-8})))
+    answer = run(made(blocks_scene(solver={"tolerance": 1e-9, "force_tolerance": 1e-8}))).outcome
     direction = {"type": "impedance", "factor": factor}
-    rough = run(made(blocks_scene(solver={"tolerance": 1e-3, "search_direction": direction})))
+    rough = run(made(blocks_scene(solver={"tolerance": 1e-3, "search_direction": direction}))).outcome
     assert rough.converged
     assert answer.converged
     exact = answer.interfaces["rub"].force()

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.api import run
 from latin_fmu.latin.initial_conditions import initial_conditions
+from latin_fmu.march import march
 from tests.scenes import given_motion
 
 LOADS: dict[str, dict[str, Any]] = {
@@ -76,7 +76,7 @@ def test_a_cut_bar_starts_like_the_merged_one(bars_scene: Any, bar_box: Any, mad
     assert scale > 0.1
     for key, a in one.items():
         np.testing.assert_allclose(three[key], a, atol=1e-9 * scale)
-    end = [run(made(cut(bars_scene, bar_box, case, n))) for n in (1, 3)]
+    end = [march(made(cut(bars_scene, bar_box, case, n))).outcome for n in (1, 3)]
     assert end[1].converged
     lowest = end[1].substructures["c"].displacement
     nodes = end[1].substructures["c"].nodes

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.api import run
 from latin_fmu.latin.search_direction import channel_k, unresolved_sides
 from latin_fmu.latin.settings import SearchDirection
+from latin_fmu.march import march
 from latin_fmu.stability.scenes import Box, Material, column
 
 # Two bars of one element; periodic sides tie the four nodes of a face, so that each bar is a two-node rod.
@@ -140,7 +140,7 @@ def test_k_never_changes_the_answer(blocks_scene: Any, made: Any) -> None:
     results = []
     for direction in DIRECTIONS:
         solver = {"tolerance": 1e-10, "force_tolerance": 1e-9, "search_direction": direction}
-        outcome = run(made(blocks_scene(solver=solver)))
+        outcome = march(made(blocks_scene(solver=solver))).outcome
         assert outcome.converged, f"{direction}: {outcome.status}"
         results.append(outcome)
     for name in ("floor", "rub"):

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.api import run
 from latin_fmu.kernels import entries
 from latin_fmu.latin.outcome import Outcome
+from latin_fmu.march import march as run
 
 TIGHT = {"tolerance": 1e-9, "force_tolerance": 1e-8, "max_iterations": 400}
 
@@ -28,7 +28,7 @@ def same(actual: Outcome, expected: Outcome, tolerance: float) -> None:
 @pytest.fixture
 def answer(blocks_scene: Any, made: Any) -> Outcome:
     """Blocks solved tightly, one instant at a time."""
-    return run(made(blocks_scene(solver=TIGHT)))
+    return run(made(blocks_scene(solver=TIGHT))).outcome
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def answer(blocks_scene: Any, made: Any) -> Outcome:
 def test_settings_never_change_the_answer(
     answer: Outcome, blocks_scene: Any, made: Any, settings: dict[str, Any]
 ) -> None:
-    outcome = run(made(blocks_scene(solver=TIGHT | settings)))
+    outcome = run(made(blocks_scene(solver=TIGHT | settings))).outcome
     # whole windows stop on an indicator over the window: its late instants are a little less exact
     same(outcome, answer, 1e-6)
 
@@ -70,9 +70,9 @@ def test_windows_cover_the_interval(blocks_scene: Any, made: Any, begun: Any) ->
 def test_a_long_window_that_fails_is_done_one_by_one(answer: Outcome, blocks_scene: Any, made: Any) -> None:
     """Too few iterations for the whole window, enough for single instants."""
     solver = TIGHT | {"window": "whole", "start": "zero", "max_iterations": 40, "acceleration": "none"}
-    alone = run(made(blocks_scene(solver=TIGHT | {"max_iterations": 40, "acceleration": "none"})))
+    alone = run(made(blocks_scene(solver=TIGHT | {"max_iterations": 40, "acceleration": "none"}))).outcome
     few = 2 + max(w.iterations for w in alone.windows)
-    outcome = run(made(blocks_scene(solver=solver | {"max_iterations": few})))
+    outcome = run(made(blocks_scene(solver=solver | {"max_iterations": few}))).outcome
     assert len(outcome.windows) == 1
     record = outcome.windows[0]
     assert record.fallbacks[-1] == "windows of one instant"
@@ -84,7 +84,7 @@ def test_a_long_window_that_fails_is_done_one_by_one(answer: Outcome, blocks_sce
 
 
 def test_a_run_that_fails_everywhere_says_where_and_why(blocks_scene: Any, made: Any) -> None:
-    outcome = run(made(blocks_scene(solver={"tolerance": 1e-12, "window": 4, "max_iterations": 2})))
+    outcome = run(made(blocks_scene(solver={"tolerance": 1e-12, "window": 4, "max_iterations": 2}))).outcome
     assert not outcome.converged
     for word in (
         "not converged",
@@ -159,7 +159,7 @@ def test_scaled_units_give_equal_counts_and_results(blocks_scene: Any, made: Any
         body["box"] = body["box"] | {k: [length * x for x in body["box"][k]] for k in ("origin", "size")}
         if "initial_velocity" in body:
             body["initial_velocity"] = [x * length / time for x in body["initial_velocity"]]
-    first, second = run(made(si)), run(made(other))
+    first, second = run(made(si)).outcome, run(made(other)).outcome
     assert [w.iterations for w in first.windows] == [w.iterations for w in second.windows]
     for name, history in first.interfaces.items():
         scale = np.abs(history.traction).max()
@@ -168,14 +168,14 @@ def test_scaled_units_give_equal_counts_and_results(blocks_scene: Any, made: Any
 
 def test_nothing_happens_in_a_quiet_assembly(bars_scene: Any, made: Any) -> None:
     tables = bars_scene(load={})
-    outcome = run(made(tables))
+    outcome = run(made(tables)).outcome
     assert outcome.converged
     assert max(w.iterations for w in outcome.windows) == 1
     assert not outcome.substructures["a"].displacement.any()
 
 
 def test_perfect_interfaces_need_few_iterations_and_no_gap(bars_scene: Any, made: Any) -> None:
-    outcome = run(made(bars_scene("perfect")))
+    outcome = run(made(bars_scene("perfect"))).outcome
     assert outcome.converged
     assert outcome.interfaces["joint"].gap is None
     assert max(w.iterations for w in outcome.windows) <= 6
@@ -183,7 +183,7 @@ def test_perfect_interfaces_need_few_iterations_and_no_gap(bars_scene: Any, made
 
 def test_no_interface_is_a_plain_march(bars_scene: Any, made: Any) -> None:
     """a and b are alike and marched together, c rests."""
-    outcome = run(made(bars_scene(interface={})))
+    outcome = run(made(bars_scene(interface={}))).outcome
     assert outcome.converged
     assert outcome.interfaces == {}
     assert outcome.passes == pytest.approx(2 / 3)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 
-from latin_fmu.api import run
 from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.building import build
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.outcome import Outcome
+from latin_fmu.march import march
 from latin_fmu.propagator import DirectPropagator, Histories
 from latin_fmu.propagator.base import full_displacement
 from latin_fmu.reader import scene_from_dict
@@ -55,7 +55,7 @@ def built(**tables: Any) -> SolverReadyProblem:
 
 
 def solved(**tables: Any) -> Outcome:
-    return run(built(**tables))
+    return march(built(**tables)).outcome
 
 
 def half_sine(duration: float) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.api import run
 from latin_fmu.assembly.propagator_choice import (
     PROPAGATORS,
     PropagatorSettings,
@@ -25,6 +24,7 @@ from latin_fmu.effects import explanation as explanation_module
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.effects.explanation import explain
 from latin_fmu.machine import physical_memory
+from latin_fmu.march import march
 from latin_fmu.results.summary import details
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
@@ -129,10 +129,10 @@ def test_predicted_and_real_seconds_are_of_one_size() -> None:
         discretised = discretise(scene(8, propagator=propagator))
         prediction = Prediction(discretised)
         assert prediction.run.propagator.kind == propagator
-        run(discretised.build())  # kernels
+        march(discretised.build())  # kernels
         built = discretised.build()
         start = time.process_time()
-        run(built)
+        march(built)
         real = time.process_time() - start
         assert 0.1 * real < prediction.march < 10 * real, (propagator, prediction.march, real)
 

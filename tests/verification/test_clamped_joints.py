@@ -19,10 +19,10 @@ import pytest
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from latin_fmu.api import Solution
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
 from latin_fmu.results.checkpoint import Checkpoint
+from latin_fmu.results.solution import Solution
 from latin_fmu.stability.joints import clamped_pair, kept_clamp
 from latin_fmu.stability.scenes import Box, Material, column
 from tests.fmu.host import Host

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.api import run
 from latin_fmu.building import discretise
 from latin_fmu.cli import main
 from latin_fmu.joined.modal_damping import LIMIT, scheme_damping
 from latin_fmu.latin.outcome import Outcome
+from latin_fmu.march import march
 from latin_fmu.modal.modes import VibrationModes, vibration_modes
 from latin_fmu.stability.scenes import Box, Material, column
 from latin_fmu.statics.statics import tightened
@@ -134,7 +134,7 @@ def test_a_bolted_joint(tmp_path: Path) -> None:
         replace(c, members=[replace(m, velocity=1e-3 * modes.shapes[m.name][2].ravel()) for m in c.members])
         for c in discretised.classes
     ]
-    outcome = run(replace(discretised, classes=classes).build(tightened(discretised, {})))
+    outcome = march(replace(discretised, classes=classes).build(tightened(discretised, {}))).outcome
     measured = decay_of(outcome, modes, 2, step)
     assert measured == pytest.approx(modes.damping.numerical[2], rel=0.01)
     assert measured > 0.002

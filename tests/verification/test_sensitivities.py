@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu import api, preparation
+from latin_fmu import api, attempts
 from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
 from latin_fmu.building import build
 from latin_fmu.errors import ResultsError, SceneError, SolverError
@@ -19,7 +19,7 @@ from latin_fmu.latin import search_direction
 from latin_fmu.latin.search_direction import relative_operator
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
-from latin_fmu.sensitivities import copies, tangent_run
+from latin_fmu.sensitivities import copies, riders, tangent_run
 from latin_fmu.sensitivities.tangent_run import TangentRun
 from latin_fmu.sensitivities.tangents import Tangents
 from latin_fmu.stability.scenes import STEEL, Box, placed
@@ -586,7 +586,7 @@ def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkey
     scene = scene_of((case[0], (*case[1], "output.check_sensitivities=all"), ()))
     wanted = scene.replace("output.sensitivities", list(case[2]))
     together, members = list[list[bool]](), list[list[int]]()
-    beside, march = api.marched_beside, copies.Run.all
+    beside, march = riders.marched_beside, copies.Run.all
 
     def marched(*given: object) -> list[object]:
         made = beside(*given)
@@ -597,7 +597,7 @@ def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkey
         members.append([len(p.members) for p in run.assembly.propagators])
         march(run)
 
-    monkeypatch.setattr(api, "marched_beside", marched)
+    monkeypatch.setattr(riders, "marched_beside", marched)
     alone = latin_fmu.solve(wanted).sensitivities
     # at this tolerance instants take Newton steps
     monkeypatch.setattr(copies, "_LARGE", 0)
@@ -617,7 +617,7 @@ def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkey
 
 def test_a_run_that_checks_takes_the_operators_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction changes none of them, the modulus of steel those of one of two bodies."""
-    solved, known = preparation.solver_ready, list[list[bool]]()
+    solved, known = attempts.solver_ready, list[list[bool]]()
 
     def ready(problem: DiscretisedProblem, *given: object) -> SolverReadyProblem:
         before = [] if problem.kept is None else [id(p.operators) for p in problem.kept.propagators]
@@ -625,7 +625,7 @@ def test_a_run_that_checks_takes_the_operators_of_the_run(monkeypatch: pytest.Mo
         known.append([id(p.operators) in before for p in made.assembly.propagators])
         return made
 
-    monkeypatch.setattr(preparation, "solver_ready", ready)
+    monkeypatch.setattr(attempts, "solver_ready", ready)
     scene = scene_of((MATERIALS[0], (*MATERIALS[1], "output.check_sensitivities=all"), ()))
     names = ["material.steel.young_modulus", "interface.crush.friction_coefficient"]
     latin_fmu.solve(scene.replace("output.sensitivities", names))

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.api import Solution
 from latin_fmu.building import build
 from latin_fmu.kernels.energy_parts import N_WORK, PUT_IN
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.status import BALANCED, ERRORS
 from latin_fmu.latin.windows import Run
+from latin_fmu.results.solution import Solution
 from latin_fmu.stability.scenes import Box, Material, column
 from tests.hard_cases import random_scenes
 from tests.scenes import solved

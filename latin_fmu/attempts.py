@@ -1,0 +1,306 @@
+"""Attempts at a run: a scene made ready, marched, and made ready anew where the end refutes a choice made before.
+
+Three choices are made before a run that only its end can justify: which bodies are never touched and left out
+(``assembly.untouched``), whether the modes of the assembly are marched in the place of its bodies
+(``effects.modal_choice``), and by how much bolts yield (``assembly.yielding_bolts``). Each has a function here that
+reads the end of a run and says whether it stands (``Verdict``).
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from .assembly.models import KeptOperators
+from .assembly.problem import DiscretisedProblem, SolverReadyProblem
+from .assembly.propagator_choice import by_modes, chosen_propagators
+from .assembly.untouched import touched
+from .assembly.yielding_bolts import Yielding
+from .building import discretise, solver_ready
+from .checks.run_checks import with_faults
+from .effects.cost import Prediction, check_memory, least_output
+from .errors import InputError, Problems, ResultsError
+from .joined.tied_assembly import TieError
+from .latin.outcome import Outcome, Timings
+from .machine import one_thread, peak_memory
+from .march import MarchedRun, RunClock, RunOptions, march
+from .remarks import remarks_of
+from .results.checkpoint import scene_digest
+from .results.estimates import TruncationError
+from .results.writing import check_folder
+from .scene.schema import Scene
+from .statics.free_bodies import loss_of_equilibrium
+
+if TYPE_CHECKING:
+    from .sensitivities.tangents import Tangents
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The choices made before a run.
+
+    Attributes
+    ----------
+    leave_out : whether bodies that are probably never touched are left out. yielding : plastic elongations of bolts.
+        modes_open : whether a march by modes may be tried. modes_refused : why it was given up.
+    """
+
+    leave_out: bool
+    yielding: Yielding
+    modes_open: bool
+    modes_refused: str = ""
+
+    @staticmethod
+    def first(scene: Scene, options: RunOptions) -> Attempt:
+        """The choices for the first run of a scene."""
+        yielding = Yielding(scene)
+        # studies, which keep operators, compare runs that are marched alike; a bolt that yields needs runs of one form
+        modes_open = options.kept is None and not options.sees_all_interfaces and not yielding.tables
+        return Attempt(options.may_leave_bodies_out, yielding, modes_open)
+
+
+class Prepared(NamedTuple):
+    """A problem that is ready to run, what it will take, its derivatives where the scene names parameters, and whether
+    the program has chosen to try the modes of the assembly."""
+
+    problem: SolverReadyProblem
+    prediction: Prediction
+    tangent: Tangents | None
+    tries_modes: bool = False
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the end of a run says of a choice that was made before it.
+
+    Attributes
+    ----------
+    another : the attempt that follows, where the run is void. settings, faults : of the outcome, where it stands.
+        truncation : error of a march by modes.
+    """
+
+    another: Attempt | None = None
+    settings: Mapping[str, str] = field(default_factory=dict)
+    faults: Sequence[str] = ()
+    truncation: TruncationError | None = None
+
+    def applied(self, outcome: Outcome) -> Outcome:
+        """The outcome with what is known of it now."""
+        return replace(
+            outcome,
+            settings=outcome.settings | dict(self.settings),
+            faults=(*outcome.faults, *self.faults),
+            status=with_faults(outcome.status, self.faults),
+        )
+
+
+class EndedRun(NamedTuple):
+    """A run at its end: of which scene and attempt, what was made ready and marched for it, and its clock."""
+
+    scene: Scene
+    attempt: Attempt
+    ready: Prepared
+    run: MarchedRun
+    started: RunClock
+
+
+class StandingRun(NamedTuple):
+    """A run that no choice speaks against: what was run, its end, and the error of a march by modes chosen for it."""
+
+    ready: Prepared
+    run: MarchedRun
+    truncation: TruncationError | None
+
+
+def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> StandingRun:
+    """Run a scene until a run stands (parameters and errors: ``api.solve``)."""
+    attempt = Attempt.first(scene, options)
+    if options.kept is None and attempt.yielding.tables:
+        options = replace(options, kept=KeptOperators())  # of the runs that may follow
+    while True:
+        ready = prepared(scene, options, attempt)
+        try:
+            run = _marched(scene, options, ready, started)
+        except ResultsError:
+            # the checkpoint may be of a run of another form: of the bodies, or with all of them
+            if ready.problem.untouched is None and not ready.tries_modes:
+                raise
+            if ready.tries_modes:
+                attempt = replace(attempt, modes_open=False)
+            else:
+                attempt = replace(attempt, leave_out=False)
+            continue
+        another, standing = _judged(EndedRun(scene, attempt, ready, run, started))
+        if standing is not None:
+            return standing
+        # the run is void; its time counts as set-up: the limit begins where it did
+        attempt = another
+        if options.checkpoint is not None:
+            options.checkpoint.remove()
+        if run.outcome.stream is not None:
+            run.outcome.stream.close()
+
+
+def _judged(ended: EndedRun) -> tuple[Attempt, StandingRun | None]:
+    """The attempt that follows a run, and the run with what its choices say of it; None where it is void."""
+    outcome, truncation = ended.run.outcome, None
+    for check in CHOICES:
+        verdict = check(ended)
+        if verdict.another is not None:
+            return verdict.another, None
+        outcome = verdict.applied(outcome)
+        truncation = verdict.truncation or truncation
+    if outcome.converged:
+        outcome.timings.predicted = ended.ready.prediction.march
+    return ended.attempt, StandingRun(ended.ready, ended.run._replace(outcome=outcome), truncation)
+
+
+def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClock) -> MarchedRun:
+    """One march of a prepared scene."""
+    timings = Timings()
+    if options.stream is not None:
+        check_folder(options.stream, least_output(ready.prediction))
+    timings.setup = started.used
+    digest = ""
+    if options.checkpoint is not None:
+        left_out = ready.problem.untouched
+        names = [] if left_out is None else [*left_out.info]
+        names += ["by modes"] if ready.tries_modes else []
+        digest = scene_digest(scene, [*(options.behaviours or ()), *names])
+    return march(ready.problem, options, timings, started, digest)
+
+
+def bodies_left_out(ended: EndedRun) -> Verdict:
+    """Whether nothing has touched the bodies that were left out."""
+    left_out = ended.ready.problem.untouched
+    if left_out is None:
+        return Verdict()
+    sides = [ended.run.outcome.interfaces[name] for name in left_out.sides]
+    reached = touched(sides, ended.ready.problem.assembly.dt)
+    return Verdict(replace(ended.attempt, leave_out=False) if reached else None)
+
+
+def modes_tried(ended: EndedRun) -> Verdict:
+    """Whether the error of a march by modes that the program has chosen is small enough."""
+    ready, outcome, started = ended.ready, ended.run.outcome, ended.started
+    if not ready.tries_modes or outcome.interrupted:
+        return Verdict()
+    from .effects.modal_choice import truncation_of
+
+    def coarser(problem: SolverReadyProblem) -> Outcome:
+        return march(problem, RunOptions(max_cpu=started.left)).outcome
+
+    begin = clock.process_time()
+    truncation, refused = truncation_of(ended.scene, ready.prediction.discretised, ready.problem, outcome, coarser)
+    outcome.timings.other += clock.process_time() - begin
+    outcome.timings.peak_memory = peak_memory()
+    if refused:
+        words = f"{refused}; the try took {started.used:.3g} s of CPU"
+        return Verdict(replace(ended.attempt, modes_open=False, modes_refused=words))
+    settings = {} if truncation is None else {"error of the modes": truncation.in_words()}
+    return Verdict(settings=settings, truncation=truncation)
+
+
+def yielding_bolts(ended: EndedRun) -> Verdict:
+    """Whether the plastic elongations of bolts are those that the run began with."""
+    yielding, outcome = ended.attempt.yielding, ended.run.outcome
+    if yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts):
+        return Verdict(ended.attempt)
+    return Verdict(settings=yielding.words(), faults=yielding.faults())
+
+
+CHOICES: Final[tuple[Callable[[EndedRun], Verdict], ...]] = (bodies_left_out, modes_tried, yielding_bolts)
+"""Made before a run, and checked at its end in this order: a march by modes is judged once all bodies are in it."""
+
+
+def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
+    """The problem of a scene, ready to run; parameters and errors as for ``api.solve``."""
+    wanted = bool(scene.differentiated)
+    processes, behaviours, kept = options.processes, options.behaviours, options.kept
+    # shared with the scenes in which the parameters are varied
+    kept = KeptOperators() if kept is None and wanted else kept
+    with one_thread(), nullcontext() if processes is None else processes.agreed():
+        discretised = discretise(scene, behaviours, kept, attempt.leave_out and not wanted)
+        discretised = replace(discretised, elongation=attempt.yielding.elongation)
+        prediction = Prediction(discretised)
+        check_memory(prediction, options.stream is not None)
+        if processes is not None:
+            check_distributable(discretised, processes.size)
+        tangent = None
+        if wanted:
+            from .sensitivities.tangents import Tangents
+
+            tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None)
+        # what needs the iterates of single bodies
+        looks_at_bodies = wanted or options.n_process > 1 or options.sees_all_interfaces
+        restricted = behaviours is not None or looks_at_bodies
+        modal, reasons = by_modes(scene, restricted)
+        tries = attempt.modes_open and not restricted and prediction.tries_modes
+        if tries:
+            from .effects.modal_choice import by_choice
+
+            prediction.discretised = discretised = by_choice(discretised)
+        try:
+            at_once = False
+            if scene.time.quasi_static:
+                from .statics.static_fields import solved_at_once
+
+                at_once = solved_at_once(scene, discretised, looks_at_bodies)
+            grouped, why = None, ""
+            if not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
+                from .effects.march_choice import cheaper_march
+
+                grouped, prediction, why = cheaper_march(discretised, prediction, restricted)
+            stages = None if tangent is None else tangent.stages
+            problem = solver_ready(discretised, {}, options.n_process, stages, modal or tries, at_once, grouped)
+            problem = replace(problem, bonds=f"iterated: {why}") if why else problem
+        except TieError as error:
+            if tries:
+                return prepared(scene, options, replace(attempt, modes_open=False))
+            modal, reasons = False, [str(error)]
+        if reasons:
+            # with the time scheme that suits the bodies
+            plain = scene.replace("solver.propagator", "automatic")
+            found = prepared(plain, options, replace(attempt, modes_open=False))
+            return found._replace(problem=_marched_by_bodies(found.problem, reasons))
+        if attempt.modes_refused:
+            problem = _marched_by_bodies(problem, [attempt.modes_refused])
+        if scene.time.quasi_static:
+            lost = loss_of_equilibrium(discretised)
+            problem.assembly.lost = lost
+            if problem.reduced is not None:
+                problem.reduced.assembly.lost = lost
+    return Prepared(problem, prediction, tangent, tries)
+
+
+def _marched_by_bodies(problem: SolverReadyProblem, reasons: list[str]) -> SolverReadyProblem:
+    """The problem with remarks on why its assembly is not marched by its modes."""
+    words = [f"marched body by body and not by the modes of the assembly: {reason}" for reason in reasons]
+    return replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
+
+
+def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
+    """Make sure that the substructures of a problem can be distributed over ``size`` processes.
+
+    Raises
+    ------
+    InputError : names the settings that need a single process.
+    """
+    solver, n = discretised.scene.solver, len(discretised.bodies)
+    problems = Problems()
+    if size > n:
+        problems.add("mpiexec -n", "more processes than substructures", str(size), f"at most {n}")
+    if solver.threads > 1:
+        what = "threads and processes cannot be combined"
+        problems.add("solver.threads", what, str(solver.threads), "1", "start more processes instead")
+    if solver.skip_at_rest == "tolerance":
+        what = "substructures of a class are skipped at rest together, but are distributed over processes"
+        problems.add("solver.skip_at_rest", what, "tolerance", "off, exact, round_off")
+    if chosen_propagators(discretised.scene, discretised.classes)[0].kind == "cg":
+        what, remedy = "conjugate gradients run in one process", "choose another propagator, or use fewer unknowns"
+        problems.add("solver.propagator", what, "cg", remedy=remedy)
+    if problems:
+        raise InputError(problems, "the run cannot be distributed over processes")
