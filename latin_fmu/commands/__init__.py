@@ -225,7 +225,7 @@ LIMITED = 7
 LIMITED with ``--max-cpu``."""
 
 Json = Annotated[bool, Option("print JSON, and nothing else, on stdout")]
-Quiet = Annotated[bool, Option("no progress", "-q")]
+Quiet = Annotated[bool, Option("no progress", flags="-q")]
 Strict = Annotated[bool, Option(f"exit code {REMARKED} where there are warnings; everything else is as without it")]
 """Options of several commands."""
 
@@ -346,9 +346,9 @@ def ending_together(processes: Processes, signals: StopSignals) -> Iterator[None
 class OfScene:
     """Options of a command that takes a scene."""
 
-    scene: Annotated[Path, Argument("scene file (TOML)", metavar="SCENE")]
+    scene: Annotated[Path, Argument("scene file (TOML)", "SCENE")]
     overrides: Annotated[
-        tuple[str, ...], Option("change one setting of the scene; may be repeated", "--set", "a.b.c=value")
+        tuple[str, ...], Option("change one setting of the scene; may be repeated", "a.b.c=value", "--set")
     ] = ()
     no_limit: Annotated[bool, Option("libraries read mesh files without limits of processor time and memory")] = False
 

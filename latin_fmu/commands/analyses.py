@@ -128,10 +128,10 @@ class FrfOptions(OfScene):
 
     drives: Annotated[
         tuple[str, ...],
-        Option("base.x, SENSOR.x or a load, repeatable (default: base along each axis)", "--drive", "NAME"),
+        Option("base.x, SENSOR.x or a load, repeatable (default: base along each axis)", "NAME", "--drive"),
     ] = ()
     sensors: Annotated[
-        tuple[str, ...], Option("where the motion is taken, repeatable (default: all)", "--sensor", "NAME")
+        tuple[str, ...], Option("where the motion is taken, repeatable (default: all)", "NAME", "--sensor")
     ] = ()
     damping: Annotated[Sequence[float] | None, Option(metavar="R[,R..]", read=_ratios)] = None
     kind: Annotated[Literal["receptance", "mobility", "accelerance"] | None, Option()] = None
@@ -141,7 +141,7 @@ class FrfOptions(OfScene):
     points: Annotated[int | None, Option(metavar="N")] = None
     along: Along = None
     json: Json = False
-    output: Annotated[Path | None, Option("default: SCENE_frf in the current folder", "-o", "STEM")] = None
+    output: Annotated[Path | None, Option("default: SCENE_frf in the current folder", "STEM", "-o")] = None
 
 
 @command(_FRF_EXAMPLES, feeds=("frf",))
@@ -169,21 +169,21 @@ class BackboneOptions(OfScene):
     """Options of ``backbone``."""
 
     mode: Annotated[int, Option(metavar="N")] = 1
-    amplitude: Annotated[str, Option("smallest and largest amplitude, as 1um:0.1mm", metavar="A[:B]")]
-    points: Annotated[int, Option("amplitudes from A to B, by equal factors", metavar="N")] = 10
+    amplitude: Annotated[str, Option("smallest and largest amplitude, as 1um:0.1mm", "A[:B]")]
+    points: Annotated[int, Option("amplitudes from A to B, by equal factors", "N")] = 10
     sensor: Annotated[str | None, Option(metavar="NAME")] = None
     loop: Annotated[Literal["half", "full", "masing"] | None, Option()] = None
     increments: Annotated[int | None, Option(metavar="N")] = None
     tolerance: Annotated[float | None, Option(metavar="T")] = None
     json: Json = False
-    measured: Annotated[
-        Path | None, Option("points to draw beside: amplitude, frequency, damping ratio", metavar="FILE")
-    ] = None
+    measured: Annotated[Path | None, Option("points to draw beside: amplitude, frequency, damping ratio", "FILE")] = (
+        None
+    )
     measured_units: Annotated[
         tuple[str, str],
-        Option("units of amplitude and damping in that file (default: those of the scene, 1)", "", ("LENGTH", "RATIO")),
+        Option("units of amplitude and damping in that file (default: those of the scene, 1)", ("LENGTH", "RATIO")),
     ] = ("", "1")
-    output: Annotated[Path | None, Option("default: SCENE_backbone in the current folder", "-o", "STEM")] = None
+    output: Annotated[Path | None, Option("default: SCENE_backbone in the current folder", "STEM", "-o")] = None
 
 
 @command(_BACKBONE_EXAMPLES, feeds=("backbone",))
@@ -277,8 +277,8 @@ class ModesOptions(OfScene):
     joints: Annotated[Joints | None, Option()] = None
     count: Annotated[int | None, Option(metavar="N")] = None
     json: Json = False
-    output: Annotated[Path | None, Option("also write frequencies and shapes", "-o", "MODES.nc", output_file)] = None
-    vtk: Annotated[Path | None, Option("also write files for ParaView to this folder", metavar="FOLDER")] = None
+    output: Annotated[Path | None, Option("also write frequencies and shapes", "MODES.nc", "-o", output_file)] = None
+    vtk: Annotated[Path | None, Option("also write files for ParaView to this folder", "FOLDER")] = None
 
 
 @command(_MODES_EXAMPLES, feeds=("vibration_modes",))
@@ -311,8 +311,8 @@ def modes(given: ModesOptions) -> int:
 class OfSensors:
     """Options of a command that takes the sensors of a results file."""
 
-    results: Annotated[Path, Argument("results file written by run", metavar="RESULT.nc")]
-    sensor: Annotated[tuple[str, ...], Option("sensor, repeatable (default: every one)", metavar="NAME")] = ()
+    results: Annotated[Path, Argument("results file written by run", "RESULT.nc")]
+    sensor: Annotated[tuple[str, ...], Option("sensor, repeatable (default: every one)", "NAME")] = ()
     g: Annotated[bool, Option("accelerations of texts, tables and figures in g, 9.80665 m/s2")] = False
 
 
@@ -321,25 +321,21 @@ class SrsOptions(OfSensors):
     """Options of ``srs``."""
 
     value_unit: Annotated[
-        str | None, Option("of a record: unit of its values (g, m/s2), or the factor to m/s2", metavar="UNIT")
+        str | None, Option("of a record: unit of its values (g, m/s2), or the factor to m/s2", "UNIT")
     ] = None
     time_unit: Annotated[
-        str | None, Option("of a record: unit of its times (default: that of the header, else s)", metavar="UNIT")
+        str | None, Option("of a record: unit of its times (default: that of the header, else s)", "UNIT")
     ] = None
-    column: Annotated[str | None, Option("of a record: name or number of the column of its values", metavar="NAME")] = (
-        None
-    )
-    time_column: Annotated[
-        str | None, Option("of a record: name or number of the column of its times", metavar="NAME")
-    ] = None
+    column: Annotated[str | None, Option("of a record: name or number of the column of its values", "NAME")] = None
+    time_column: Annotated[str | None, Option("of a record: name or number of the column of its times", "NAME")] = None
     gaps: Annotated[Literal["refused", "linear"] | None, Option("of a record: where samples are missing")] = None
-    lowest: Annotated[float | None, Option("first frequency (default: 1 / duration)", metavar="HZ")] = None
-    highest: Annotated[float | None, Option("last frequency (default: sampling rate / 10)", metavar="HZ")] = None
-    per_octave: Annotated[int | None, Option("frequencies per octave (default: 12)", metavar="N")] = None
-    quality: Annotated[float | None, Option("amplification of the oscillators (default: 10)", metavar="Q")] = None
+    lowest: Annotated[float | None, Option("first frequency (default: 1 / duration)", "HZ")] = None
+    highest: Annotated[float | None, Option("last frequency (default: sampling rate / 10)", "HZ")] = None
+    per_octave: Annotated[int | None, Option("frequencies per octave (default: 12)", "N")] = None
+    quality: Annotated[float | None, Option("amplification of the oscillators (default: 10)", "Q")] = None
     along: Along = None
     json: Json = False
-    output: Annotated[Path | None, Option("default: RESULT_srs beside the results", "-o", "STEM")] = None
+    output: Annotated[Path | None, Option("default: RESULT_srs beside the results", "STEM", "-o")] = None
 
 
 @command(_EXAMPLES)
@@ -469,7 +465,7 @@ def _record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple
 @command(_EXPORT_EXAMPLES)
 def export(
     of: OfSensors,
-    output: Annotated[Path | None, Option("default: RESULT_sensors beside the results", "-o", "STEM")] = None,
+    output: Annotated[Path | None, Option("default: RESULT_sensors beside the results", "STEM", "-o")] = None,
 ) -> int:
     """Write the motions of the sensors of a results file as a table and as a universal file (UNV 58)."""
     from ..results.export import sensors_as_csv, universal_file

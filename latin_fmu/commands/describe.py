@@ -27,39 +27,37 @@ if TYPE_CHECKING:
 class PlotOptions:
     """Options of ``plot``."""
 
-    file: Annotated[Path, Argument("scene (.toml), or file written by run or sweep (.nc)", metavar="FILE")]
+    file: Annotated[Path, Argument("scene (.toml), or file written by run or sweep (.nc)", "FILE")]
     output: Annotated[
         Path | None,
         Option(
             "png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)",
-            "-o",
             "FIGURE",
+            "-o",
             output_file,
         ),
     ] = None
     overrides: Annotated[
-        tuple[str, ...], Option("of a scene: change one setting; may be repeated", "--set", "a.b.c=value")
+        tuple[str, ...], Option("of a scene: change one setting; may be repeated", "a.b.c=value", "--set")
     ] = ()
     bodies: Annotated[
         bool, Option("of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)")
     ] = False
     details: Annotated[bool, Option("of a results file: also the convergence of its iteration")] = False
-    quantity: Annotated[tuple[str, ...], Option("of a study: draw this quantity; may be repeated", metavar="NAME")] = ()
+    quantity: Annotated[tuple[str, ...], Option("of a study: draw this quantity; may be repeated", "NAME")] = ()
     tornado: Annotated[
         bool, Option("of a results file: changes of its quantities by parameters (output.sensitivities)")
     ] = False
     bands: Annotated[bool, Option("of results with a table [spread]: histories and spectra with their bands")] = False
     map: Annotated[bool, Option("of a results file: pressure, friction and contact states of an interface")] = False
     interface: Annotated[
-        str | None, Option("with --bodies or --map: the interface (default: largest force)", metavar="NAME")
+        str | None, Option("with --bodies or --map: the interface (default: largest force)", "NAME")
     ] = None
-    time: Annotated[
-        float | None, Option("with --bodies or --map: the instant (default: largest force)", metavar="S")
-    ] = None
-    magnify: Annotated[float | None, Option("with --bodies: factor on the displacements", metavar="X")] = None
-    first: Annotated[float | None, Option("of a film: its first instant", "--from", "S")] = None
-    last: Annotated[float | None, Option("of a film: its last instant", "--to", "S")] = None
-    frames: Annotated[int | None, Option("of a film: number of pictures (default: 40)", metavar="N")] = None
+    time: Annotated[float | None, Option("with --bodies or --map: the instant (default: largest force)", "S")] = None
+    magnify: Annotated[float | None, Option("with --bodies: factor on the displacements", "X")] = None
+    first: Annotated[float | None, Option("of a film: its first instant", "S", "--from")] = None
+    last: Annotated[float | None, Option("of a film: its last instant", "S", "--to")] = None
+    frames: Annotated[int | None, Option("of a film: number of pictures (default: 40)", "N")] = None
 
 
 @command()
@@ -93,7 +91,7 @@ def explain(
         Option(
             "with --run: CPU seconds that all runs may take; where they are reached the command stops (exit code "
             f"{LIMITED}), what is found until then is printed and marked",
-            metavar="SECONDS",
+            "SECONDS",
             read=seconds,
         ),
     ] = None,
@@ -101,7 +99,7 @@ def explain(
         int | None,
         Option(
             "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes",
-            metavar="N",
+            "N",
             const=_FMU_MODES,
         ),
     ] = None,
@@ -207,12 +205,12 @@ _PAGES: Final = (".html", ".htm")
 
 @command(_VIEW_EXAMPLES)
 def view(
-    file: Annotated[Path, Argument("results file of a run with output.fields = true", metavar="OUT.nc")],
-    output: Annotated[Path | None, Option("default: beside the file, as html", "-o", "PAGE.html", output_file)] = None,
-    first: Annotated[float | None, Option("first instant (default: the first one stored)", "--from", "S")] = None,
-    last: Annotated[float | None, Option("last instant (default: the last one stored)", "--to", "S")] = None,
+    file: Annotated[Path, Argument("results file of a run with output.fields = true", "OUT.nc")],
+    output: Annotated[Path | None, Option("default: beside the file, as html", "PAGE.html", "-o", output_file)] = None,
+    first: Annotated[float | None, Option("first instant (default: the first one stored)", "S", "--from")] = None,
+    last: Annotated[float | None, Option("last instant (default: the last one stored)", "S", "--to")] = None,
     frames: Annotated[
-        int | None, Option("number of instants (default: up to 400, as many as fit into 20 MB)", metavar="N")
+        int | None, Option("number of instants (default: up to 400, as many as fit into 20 MB)", "N")
     ] = None,
 ) -> int:
     """Write a results file as one HTML page: bodies that deform, fields of the interfaces, curves over time."""
@@ -368,7 +366,7 @@ class _ModelRow:
 
 
 @command(_DEMO_EXAMPLES)
-def demo(name: Annotated[str | None, Argument("model to copy into the current folder", metavar="NAME")] = None) -> int:
+def demo(name: Annotated[str | None, Argument("model to copy into the current folder", "NAME")] = None) -> int:
     """List the models that come with the package, or copy one."""
     folder = models_folder()
     print("\n".join(_list(_models(folder)) if name is None else _copy(folder, name)))

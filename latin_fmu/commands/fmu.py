@@ -66,8 +66,8 @@ class FmuOptions(OfScene):
         Path | None,
         Option(
             "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder",
-            "-o",
             "X.fmu",
+            "-o",
             output_file,
         ),
     ] = None
@@ -76,15 +76,12 @@ class FmuOptions(OfScene):
         str,
         Option(
             "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for whatever drives the scene",
-            metavar="NAME,...",
+            "NAME,...",
         ),
     ] = ""
     reference: Annotated[
         Reference,
-        Option(
-            "reference run in the FMU: its beginning where it is long (default), the whole of it, or none",
-            metavar="RUN",
-        ),
+        Option("reference run in the FMU: its beginning where it is long (default), the whole of it, or none", "RUN"),
     ] = "short"
     python: Annotated[
         bool, Option("an FMU that needs a Python where it runs; time step and tolerance are parameters")
@@ -93,11 +90,9 @@ class FmuOptions(OfScene):
     model_exchange: Annotated[bool, Option("a reduced model as differential equations (FMI 3 only)")] = False
     modes: Annotated[
         int | None,
-        Option(
-            "reduce the bodies to N elastic modes, and print the error; of a reduced model (default: 12)", metavar="N"
-        ),
+        Option("reduce the bodies to N elastic modes, and print the error; of a reduced model (default: 12)", "N"),
     ] = None
-    patches: Annotated[int | None, Option("reduced model: patches per contact (default: 4)", metavar="P")] = None
+    patches: Annotated[int | None, Option("reduced model: patches per contact (default: 4)", "P")] = None
 
 
 @command(_BUILD_EXAMPLES)
@@ -292,24 +287,22 @@ def _contradictions(given: FmuOptions) -> Iterator[Problem]:
 class SimulateOptions:
     """Options of ``simulate``."""
 
-    fmu: Annotated[Path, Argument("FMU for co-simulation, or for model exchange (by CVode)", metavar="X.fmu")]
-    input: Annotated[Path | None, Option("inputs over time", metavar="IN.csv")] = None
-    output: Annotated[Path, Option("outputs at every step", "-o", "OUT.csv", output_file)] = Path("out.csv")
-    step: Annotated[float | None, Option("communication step, s (default: that of the FMU)", metavar="H")] = None
-    stop: Annotated[float | None, Option("end, s (default: that of the FMU)", metavar="T")] = None
-    start: Annotated[
-        tuple[str, ...], Option("start value of an input or parameter; repeatable", metavar="NAME=VALUE")
-    ] = ()
+    fmu: Annotated[Path, Argument("FMU for co-simulation, or for model exchange (by CVode)", "X.fmu")]
+    input: Annotated[Path | None, Option("inputs over time", "IN.csv")] = None
+    output: Annotated[Path, Option("outputs at every step", "OUT.csv", "-o", output_file)] = Path("out.csv")
+    step: Annotated[float | None, Option("communication step, s (default: that of the FMU)", "H")] = None
+    stop: Annotated[float | None, Option("end, s (default: that of the FMU)", "T")] = None
+    start: Annotated[tuple[str, ...], Option("start value of an input or parameter; repeatable", "NAME=VALUE")] = ()
     max_cpu: Annotated[
         float | None,
         Option(
             "CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code "
             f"{LIMITED}): the rows until then are written",
-            metavar="SECONDS",
+            "SECONDS",
             read=seconds,
         ),
     ] = None
-    quiet: Annotated[bool, Option("no progress and no summary", "-q")] = False
+    quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
 
 
 @command(_RUN_EXAMPLES)

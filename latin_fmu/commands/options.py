@@ -58,14 +58,14 @@ class Option:
     Attributes
     ----------
     text : sentence of the help; the default is added where it names none. Empty: that of the function that is fed.
-    flags : short form, as in "-o", or another name than that of the parameter, as in "--from". metavar : name of the
-        value in the help. read : makes the value from its text; argparse.ArgumentTypeError where it cannot.
+    metavar : name of the value in the help. flags : short form, as in "-o", or another name than that of the parameter,
+        as in "--from". read : makes the value from its text; argparse.ArgumentTypeError where it cannot.
     const : the value where the option is given without one.
     """
 
     text: str = ""
-    flags: str = ""
     metavar: str | tuple[str, ...] | None = None
+    flags: str = ""
     read: Callable[[str], Any] | None = None
     const: Any = None
 

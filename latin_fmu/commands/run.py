@@ -83,26 +83,26 @@ def interval(text: str) -> Interval:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(OfScene):
+class SolveOptions(OfScene):
     """Options of ``run``."""
 
     output: Annotated[
         Path | None,
-        Option("results file (default: <name of the scene>.nc in the current folder)", "-o", "OUT.nc", output_file),
+        Option("results file (default: <name of the scene>.nc in the current folder)", "OUT.nc", "-o", output_file),
     ] = None
     strict: Strict = False
     json: Json = False
-    quiet: Annotated[bool, Option("no progress and no summary", "-q")] = False
+    quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
     details: Annotated[
         bool, Option("also print iterations, energies, tables of interfaces and sensors, and all estimated errors")
     ] = False
-    vtk: Annotated[Path | None, Option("also write files for ParaView to this folder", metavar="FOLDER")] = None
+    vtk: Annotated[Path | None, Option("also write files for ParaView to this folder", "FOLDER")] = None
     figure: Annotated[
         Path | None,
         Option(
             "also draw forces, contact states, sensors, spectra and bolts (png, pdf or svg), as latin-fmu plot OUT.nc "
             "does",
-            metavar="FIGURE",
+            "FIGURE",
             read=output_file,
         ),
     ] = None
@@ -112,7 +112,7 @@ class RunOptions(OfScene):
             "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
             "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, "
             "XCPU, USR1). The checkpoint of an earlier run is kept under a number",
-            metavar="N",
+            "N",
             read=interval,
         ),
     ] = None
@@ -123,7 +123,7 @@ class RunOptions(OfScene):
         Option(
             "target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
             "accuracy.quantity, impulse by default)",
-            metavar="1%",
+            "1%",
         ),
     ] = None
     max_cpu: Annotated[
@@ -134,14 +134,14 @@ class RunOptions(OfScene):
             "on from; of what follows a whole run, the rest is left out with a warning. Default: no limit. With "
             f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always "
             "finished",
-            metavar="SECONDS",
+            "SECONDS",
             read=seconds,
         ),
     ] = None
 
 
 @command(_EXAMPLES)
-def run(given: RunOptions, signals: Signals) -> int:
+def run(given: SolveOptions, signals: Signals) -> int:
     """Solve a scene and write its results."""
     if given.output is not None:
         check_netcdf(given.output)
@@ -152,7 +152,7 @@ def run(given: RunOptions, signals: Signals) -> int:
         return _distributed(given, signals, processes)
 
 
-def _distributed(given: RunOptions, signals: StopSignals, processes: Processes) -> int:
+def _distributed(given: SolveOptions, signals: StopSignals, processes: Processes) -> int:
     """The same on several processes: process 0 shows how far the run is, and writes the results."""
     first = processes.rank == 0
     given = replace(given, quiet=given.quiet or not first)
@@ -174,7 +174,7 @@ def _distributed(given: RunOptions, signals: StopSignals, processes: Processes) 
     return _code(solution, solution.trustworthy, given)
 
 
-def _checked_outputs(scene: Scene, given: RunOptions) -> Path:
+def _checked_outputs(scene: Scene, given: SolveOptions) -> Path:
     """The results file, after a note on inputs; made sure before the long part that all outputs can be written."""
     from ..results.writing import check_target
 
@@ -193,14 +193,14 @@ def _checked_outputs(scene: Scene, given: RunOptions) -> Path:
     return target
 
 
-def _code(solution: Solution, good: bool, given: RunOptions) -> int:
+def _code(solution: Solution, good: bool, given: SolveOptions) -> int:
     """Exit code of a run that has been written."""
     if solution.interrupted:
         return LIMITED
     return NOT_CONVERGED if not good else REMARKED if given.strict and solution.warnings else CONVERGED
 
 
-def _run_alone(given: RunOptions, signals: StopSignals) -> int:
+def _run_alone(given: SolveOptions, signals: StopSignals) -> int:
     with signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.writing import remove_dead_drafts
@@ -253,7 +253,7 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
         say(f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}")
 
 
-def _write(solution: Solution, target: Path, given: RunOptions, written: list[str]) -> list[Problem]:
+def _write(solution: Solution, target: Path, given: SolveOptions, written: list[str]) -> list[Problem]:
     """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
     from ..results.writing import UnwrittenError
 
@@ -308,7 +308,7 @@ def _lean_imports() -> Iterator[None]:
                 delattr(numpy, name)
 
 
-def _target(scene: Scene, given: RunOptions) -> float | None:
+def _target(scene: Scene, given: SolveOptions) -> float | None:
     """The accuracy wanted, by the option or by the scene."""
     text = given.accuracy
     if text is None:
@@ -323,7 +323,7 @@ def _target(scene: Scene, given: RunOptions) -> float | None:
     return value
 
 
-def _chosen(scene: Scene, wanted: float, given: RunOptions) -> Choice:
+def _chosen(scene: Scene, wanted: float, given: SolveOptions) -> Choice:
     """The search for the settings; what it does goes to stderr."""
     from ..accuracy.adaptive_resolution import choose
 
@@ -331,7 +331,7 @@ def _chosen(scene: Scene, wanted: float, given: RunOptions) -> Choice:
     return choose(scene, wanted, given.max_cpu or _SEARCH, log)
 
 
-def _checkpoint(path: Path, given: RunOptions, signals: StopSignals, searched: bool) -> Checkpoint:
+def _checkpoint(path: Path, given: SolveOptions, signals: StopSignals, searched: bool) -> Checkpoint:
     """The checkpoint of the run; ``searched``: the settings are, by many runs, of which none can be continued."""
     from ..results.checkpoint import Checkpoint
 
@@ -350,7 +350,7 @@ def _checkpoint(path: Path, given: RunOptions, signals: StopSignals, searched: b
     return Interruptible(path, *every, given.resume, lambda: signals.received != 0, say)
 
 
-def _solve(scene: Scene, given: RunOptions, signals: StopSignals, **options: Any) -> Solution:
+def _solve(scene: Scene, given: SolveOptions, signals: StopSignals, **options: Any) -> Solution:
     """The solution of the scene, with its progress on stderr; options as for ``api.solve``."""
     from .. import api
 
@@ -363,7 +363,11 @@ def _solve(scene: Scene, given: RunOptions, signals: StopSignals, **options: Any
 
 
 def _estimated(
-    scene: Scene, solution: Solution, given: RunOptions, processes: Processes | None = None, stream: Path | None = None
+    scene: Scene,
+    solution: Solution,
+    given: SolveOptions,
+    processes: Processes | None = None,
+    stream: Path | None = None,
 ) -> Solution:
     """The solution with its estimated error, where that is requested and can be estimated."""
     if not given.estimate or not scene.accuracy.estimate or not solution.trustworthy:
@@ -382,13 +386,13 @@ def _estimated(
     return replace(solution, estimate=estimate)
 
 
-def _left(solution: Solution, given: RunOptions) -> float | None:
+def _left(solution: Solution, given: SolveOptions) -> float | None:
     """CPU seconds that a run has left of its limit for the estimate; None without a limit."""
     return None if given.max_cpu is None else max(given.max_cpu - solution.timings.total, 0.0)
 
 
 def _show(
-    solution: Solution, given: RunOptions, written: list[str], choice: Choice | None, lost: list[Problem]
+    solution: Solution, given: SolveOptions, written: list[str], choice: Choice | None, lost: list[Problem]
 ) -> None:
     """The report or the summary on stdout; with ``--json`` the status goes to stderr for people.
 

@@ -96,40 +96,34 @@ class SweepOptions(OfScene):
 
     vary: Annotated[
         tuple[str, ...],
-        Option("a key and its values, from:to:count or value,value,...; may be repeated", metavar="a.b.c=VALUES"),
+        Option("a key and its values, from:to:count or value,value,...; may be repeated", "a.b.c=VALUES"),
     ] = ()
     samples: Annotated[
         int | None,
         Option(
             "in the place of --vary: number of samples (8 or more) of the table [spread]; bands beside those to first "
             "order",
-            metavar="N",
+            "N",
         ),
     ] = None
-    seed: Annotated[int | None, Option("with --samples: number of their sequence", metavar="N")] = None
+    seed: Annotated[int | None, Option("with --samples: number of their sequence", "N")] = None
     output: Annotated[
         Path | None,
         Option(
-            "file of the study (default: <name of the scene file>_study.nc in the current folder)", "-o", "STUDY.nc"
+            "file of the study (default: <name of the scene file>_study.nc in the current folder)", "STUDY.nc", "-o"
         ),
     ] = None
-    jobs: Annotated[
-        int | None, Option("processes, one thread each (default: as many as there are cores)", metavar="N")
-    ] = None
+    jobs: Annotated[int | None, Option("processes, one thread each (default: as many as there are cores)", "N")] = None
     scheduler: Annotated[
-        str | None, Option("solve on the workers of this dask scheduler (needs latin-fmu[cluster])", metavar="ADDRESS")
+        str | None, Option("solve on the workers of this dask scheduler (needs latin-fmu[cluster])", "ADDRESS")
     ] = None
     max_cpu: Annotated[
         float | None,
-        Option(
-            "CPU seconds that a point may take; one that reaches them has not converged",
-            metavar="SECONDS",
-            read=seconds,
-        ),
+        Option("CPU seconds that a point may take; one that reaches them has not converged", "SECONDS", read=seconds),
     ] = None
     histories: Annotated[bool, Option()] = False
     guesses: Annotated[
-        bool, Option("no first guesses from neighbouring points (windows of several instants)", "--cold")
+        bool, Option("no first guesses from neighbouring points (windows of several instants)", flags="--cold")
     ] = True
     json: Json = False
     quiet: Quiet = False
@@ -139,10 +133,8 @@ class SweepOptions(OfScene):
 class CalibrateOptions(OfScene):
     """Options of ``calibrate``."""
 
-    data: Annotated[tuple[Path, ...], Argument("measured data; several may be given", metavar="DATA.csv")]
-    fit: Annotated[
-        tuple[str, ...], Option("a number of the scene to fit; may be repeated", metavar="NAME[=START][:LOW:HIGH]")
-    ]
+    data: Annotated[tuple[Path, ...], Argument("measured data; several may be given", "DATA.csv")]
+    fit: Annotated[tuple[str, ...], Option("a number of the scene to fit; may be repeated", "NAME[=START][:LOW:HIGH]")]
     max_runs: Annotated[int | None, Option(metavar="N")] = None
     estimate: Annotated[
         bool, Option("no estimate of the error of the last run, which is otherwise a floor of the standard deviation")
@@ -156,8 +148,8 @@ class CalibrateOptions(OfScene):
         Path | None,
         Option(
             "the scene with the fitted values (default: SCENE_calibrated.toml beside SCENE); the figure is OUT.png",
-            "-o",
             "OUT.toml",
+            "-o",
             output_file,
         ),
     ] = None
@@ -165,19 +157,19 @@ class CalibrateOptions(OfScene):
 
 @command(_COST_EXAMPLES)
 def cost(
-    scenes: Annotated[tuple[Path, ...], Argument("scene file (TOML)", metavar="SCENE")],
+    scenes: Annotated[tuple[Path, ...], Argument("scene file (TOML)", "SCENE")],
     overrides: Annotated[
-        tuple[str, ...], Option("change one setting of every scene; may be repeated", "--set", "a.b.c=value")
+        tuple[str, ...], Option("change one setting of every scene; may be repeated", "a.b.c=value", "--set")
     ] = (),
     output: Annotated[
         Path | None,
-        Option("write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several", "-o", "FOLDER"),
+        Option("write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several", "FOLDER", "-o"),
     ] = None,
     budget: Annotated[
         float | None,
         Option(
             f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)",
-            metavar="SECONDS",
+            "SECONDS",
         ),
     ] = None,
     quick: Annotated[bool, Option("a small budget")] = False,
@@ -249,14 +241,14 @@ def stress(
         Option(
             "CPU seconds that the cases may take together; those left out then are counted (exit code "
             f"{LIMITED}), the rows of the others are reported",
-            metavar="SECONDS",
+            "SECONDS",
             read=seconds,
         ),
     ] = None,
     json: Json = False,
     output: Annotated[
         Path | None,
-        Option("write the report (Markdown) here, and its figure beside it as png", "-o", "REPORT.md", output_file),
+        Option("write the report (Markdown) here, and its figure beside it as png", "REPORT.md", "-o", output_file),
     ] = None,
 ) -> int:
     """Run the hard cases (contrasts, friction, grazing, long runs ...) and report what was measured."""
