@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 import pytest
 
 import latin_fmu
-from latin_fmu.cli import COMMANDS, _parser
+from latin_fmu.cli import COMMANDS, _parser, main
 from latin_fmu.commands.options import (
     FROM_CALLER,
     Argument,
@@ -253,6 +253,16 @@ def test_every_option_of_a_command_has_a_sentence(name: str) -> None:
     HELPS[name].format_help()
     assert EVERY[name].function.__name__ == name
     assert all(action.help for action in HELPS[name]._actions)
+
+
+def test_an_output_by_default_does_not_replace_an_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.fmu", "out.csv"):
+        Path(name).write_text("time\n")
+    assert main(["simulate", "a.fmu", "--input", "out.csv"]) == 2
+    assert "out.csv: this file is an input, the output would replace it" in capsys.readouterr().err
 
 
 def test_help_loads_no_library() -> None:
