@@ -113,8 +113,8 @@ class _Declared:
         """
         assert self.option is not None
         by_place, optional = isinstance(self.option, Argument), self.default is not _MISSING
-        # what is not given is not in the result, and the default of the signature holds; plain ones are there for checks
-        # of the arguments before the command runs
+        # what is not given is not in the result, and the default of the signature holds; plain defaults are there, for
+        # checks of the arguments before the command runs
         made: dict[str, Any] = {"default": self.default if isinstance(self.default, _PLAIN) else argparse.SUPPRESS}
         if not by_place:
             made |= {"dest": self.name, "required": not optional}
