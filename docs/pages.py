@@ -483,7 +483,6 @@ def _docstring(thing: Any) -> str:
 
 
 SECTIONS = ("Parameters", "Attributes", "Returns", "Raises", "Examples")
-NAMED = re.compile(r"(?:^|(?<=[.;] ))([A-Za-z_][\w, ]*?) : ")
 
 
 def _doc(docstring: str) -> str:
@@ -507,12 +506,11 @@ def _doc(docstring: str) -> str:
 
 def _paragraph(text: str) -> str:
     """A paragraph, or a list where it describes names: ``name : what it is. other : what that is.``"""
-    text = text.replace("``", "`")
-    found = list(NAMED.finditer(text))
-    if not found or found[0].start() > 0:
-        return _escaped(text)
-    ends = [match.start() for match in found[1:]] + [len(text)]
-    items = ((m[1], text[m.end() : end].strip()) for m, end in zip(found, ends, strict=True))
+    from latin_fmu.commands.options import described
+
+    items = described(text)
+    if not items:
+        return _escaped(text.replace("``", "`"))
     return "\n".join(f"* **{name}**: {_escaped(what)}" for name, what in items)
 
 

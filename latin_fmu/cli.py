@@ -20,6 +20,7 @@ from typing import Final, TextIO
 
 from . import __version__
 from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, StopSignals, say
+from .commands.options import Command, CommandParser
 from .errors import InputError, LatinError, ResultsError, did_you_mean
 
 COMMANDS: Final = MappingProxyType(
@@ -44,7 +45,7 @@ COMMANDS: Final = MappingProxyType(
         "backbone": "analyses",
     }
 )
-"""Module of ``commands`` that declares each subcommand."""
+"""Module of ``commands`` with the function of each subcommand."""
 
 # What costs time at the start and serves nothing: threads of BLAS, of which the solver uses one (machine), and
 # the search for plugins of pydantic in all installed packages
@@ -121,8 +122,8 @@ def _run(words: list[str], signals: StopSignals) -> int:
     except SystemExit as stop:  # argparse has printed the help, the version or what is wrong
         return stop.code if isinstance(stop.code, int) else BAD_INPUT
     _check_paths(arguments)
-    code: int = arguments.command(arguments)
-    return code
+    command: Command = arguments.command
+    return command(arguments)
 
 
 def _check_address_space() -> None:
@@ -262,8 +263,8 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     )
     version = f"latin-fmu {__version__}"
     parser.add_argument("-V", "--version", action="version", version=version, help="print the version")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    named = COMMANDS.get(words[0]) if words else None
-    for module in dict.fromkeys(COMMANDS.values()) if named is None else (named,):
-        import_module(f".commands.{module}", __package__).register(commands.add_parser)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=CommandParser)
+    for name in words[:1] if words and words[0] in COMMANDS else COMMANDS:
+        command: Command = getattr(import_module(f".commands.{COMMANDS[name]}", __package__), name)
+        command.declare(commands.add_parser)
     return parser

@@ -299,9 +299,10 @@ def calibrate(
     fit : parameters, as for the option ``--fit``: ``NAME[,NAME..][=START][:LOW:HIGH]``, names of numbers of the scene
         as in ``--set``; several names have one value. START is that of the scene where left out, the bounds a tenth
         and ten times the start.
-    settings : changes of the scene, as for ``--set``. max_runs : at most. estimate : the error of the last run is
-        estimated by coarser ones. secants : do not use the derivatives of the run.
-    mode, increments : of backbones, see ``backbone``. log : takes a line of text after each run.
+    settings : changes of the scene, as for ``--set``. max_runs : runs of the scene, at most. estimate : the error of
+        the last run is estimated by coarser ones. secants : differences of runs in the place of derivatives.
+    mode : elastic mode of a backbone, from 1. increments : of load up to an amplitude of it. log : takes a line of text
+        after each run.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Subcommands of ``latin-fmu``: each module declares its own with ``register``.
+"""Subcommands of ``latin-fmu``: functions whose parameters are the options of the command line (``options``).
 
-A subcommand takes the parsed arguments, prints, and returns one of the exit codes below; ``cli`` turns what it does
-not handle (bad input, an interruption) into an exit code. A subcommand imports what it needs when it runs, so that
+A subcommand prints, and returns one of the exit codes below; ``cli`` turns what it does not handle (bad input, an
+interruption) into an exit code. A subcommand imports what it needs when it runs, so that
 ``--help`` stays immediate. Work of several seconds shows elapsed and remaining time.
 """
 
@@ -18,10 +18,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self, TextIO
 
 from ..errors import InputError
+from .options import FROM_CALLER, Argument, Option
 
 if TYPE_CHECKING:
     from ..latin.processes import Processes
@@ -222,11 +224,10 @@ LIMITED = 7
 """Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``,
 LIMITED with ``--max-cpu``."""
 
-AddParser = Callable[..., argparse.ArgumentParser]
-"""``add_parser`` of the subcommands of a parser."""
-
-Command = Callable[[argparse.Namespace], int]
-
+Json = Annotated[bool, Option("print JSON, and nothing else, on stdout")]
+Quiet = Annotated[bool, Option("no progress", flags="-q")]
+Strict = Annotated[bool, Option(f"exit code {REMARKED} where there are warnings; everything else is as without it")]
+"""Options of several commands."""
 
 _TWICE: Final = (signal.SIGINT, signal.SIGTERM)  # of which a second one interrupts at once
 _MORE_SIGNALS: Final = ("SIGHUP", "SIGQUIT", "SIGXCPU", "SIGUSR1")
@@ -286,6 +287,9 @@ class StopSignals:
             raise KeyboardInterrupt
 
 
+Signals = Annotated[StopSignals, FROM_CALLER]
+"""Parameter of a command that asks what has been received."""
+
 _STARTED: Final = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE")
 """Variables in which starters of MPI give the number of processes."""
 _BETWEEN: Final = 0.3  # s between the sentences of processes that fail
@@ -338,65 +342,38 @@ def ending_together(processes: Processes, signals: StopSignals) -> Iterator[None
         processes.abort(signals.exit_code if signals.received else code)
 
 
-def declare(
-    add: AddParser, name: str, text: str, command: Command, examples: str | None = None
-) -> argparse.ArgumentParser:
-    """Parser of the subcommand ``name`` that ``command`` runs; ``text`` is its help, ``examples`` stand below it."""
-    parser = add(
-        name,
-        help=text,
-        description=text[0].upper() + text[1:] + ".",
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter if examples else argparse.HelpFormatter,
-    )
-    parser.set_defaults(command=command)
-    return parser
+@dataclass(frozen=True, kw_only=True)
+class OfScene:
+    """Options of a command that takes a scene."""
+
+    scene: Annotated[Path, Argument("scene file (TOML)", "SCENE")]
+    overrides: Annotated[
+        tuple[str, ...], Option("change one setting of the scene; may be repeated", "a.b.c=value", "--set")
+    ] = ()
+    no_limit: Annotated[bool, Option("libraries read mesh files without limits of processor time and memory")] = False
+
+    def read_scene(self) -> Scene:
+        """The scene that SCENE names, with the settings of ``--set``."""
+        from ..reader import load_scene
+
+        if self.no_limit:
+            from ..mesh_files.child import NO_LIMIT
+
+            os.environ[NO_LIMIT] = "0"  # of the processes of a study, too
+        return load_scene(self.scene, self.overrides)
 
 
-def option(parser: argparse.ArgumentParser, flags: str, metavar: str, text: str, kind: Any = None, **more: Any) -> None:
-    """Declare an option with a value: ``flags`` as in "-o --output", help ``text``, ``kind`` : of the value."""
-    parser.add_argument(*flags.split(), metavar=metavar, type=kind, help=text, **more)
-
-
-def switch(parser: argparse.ArgumentParser, flags: str, text: str) -> None:
-    """Declare an option without a value: ``flags`` as in "-q --quiet"."""
-    parser.add_argument(*flags.split(), action="store_true", help=text)
-
-
-def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Declare SCENE and ``--set``."""
-    parser.add_argument("scene", metavar="SCENE", type=Path, help="scene file (TOML)")
-    add_settings(parser, "change one setting of the scene; may be repeated")
-    text = "libraries read mesh files without limits of processor time and memory"
-    switch(parser, "--no-limit", text)
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Declare the option ``--json``."""
-    switch(parser, "--json", "print JSON, and nothing else, on stdout")
-
-
-def tell(arguments: argparse.Namespace, lines: Sequence[str], data: Callable[[], Mapping[str, Any]]) -> None:
+def tell(as_json: bool, lines: Sequence[str], data: Callable[[], Mapping[str, Any]]) -> None:
     """Print what was found on stdout: lines of text, or with ``--json`` its data."""
-    print(json_lines(data()) if arguments.json else "\n".join(lines))
+    print(json_lines(data()) if as_json else "\n".join(lines))
 
 
-def tell_written(arguments: argparse.Namespace, text: str) -> None:
+def tell_written(as_json: bool, text: str) -> None:
     """Print a line on files that were written; on stderr beside JSON."""
-    (say if arguments.json else print)(text)
+    (say if as_json else print)(text)
 
 
-def add_strict(parser: argparse.ArgumentParser) -> None:
-    """Declare the option ``--strict``."""
-    switch(parser, "--strict", f"exit code {REMARKED} where there are warnings; everything else is as without it")
-
-
-def add_max_cpu(parser: argparse.ArgumentParser, text: str) -> None:
-    """Declare ``--max-cpu`` with its help ``text``."""
-    option(parser, "--max-cpu", "SECONDS", text, _seconds)
-
-
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
     """A length of time, s.
 
     Raises
@@ -410,11 +387,6 @@ def _seconds(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text!r} is no length of time: a number of seconds > 0")
     return value
-
-
-def add_settings(parser: argparse.ArgumentParser, text: str) -> None:
-    """Declare ``--set`` with its help ``text``."""
-    option(parser, "--set", "a.b.c=value", text, action="append", default=[], dest="overrides")
 
 
 def output_file(text: str) -> Path:
@@ -443,17 +415,6 @@ def check_netcdf(output: Path) -> None:
 
 
 _NETCDF: Final = (".nc", ".nc4", ".cdf", ".netcdf", ".h5")
-
-
-def read_scene(arguments: argparse.Namespace) -> Scene:
-    """The scene that SCENE names, with the settings of ``--set``."""
-    from ..reader import load_scene
-
-    if arguments.no_limit:
-        from ..mesh_files.child import NO_LIMIT
-
-        os.environ[NO_LIMIT] = "0"  # of the processes of a study, too
-    return load_scene(arguments.scene, arguments.overrides)
 
 
 def say(text: str) -> None:

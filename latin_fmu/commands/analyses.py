@@ -7,26 +7,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import (
-    CONVERGED,
-    AddParser,
-    Waiting,
-    add_json,
-    add_scene,
-    check_netcdf,
-    declare,
-    option,
-    output_file,
-    read_scene,
-    switch,
-    tell,
-    tell_written,
-)
+from . import CONVERGED, Json, OfScene, Waiting, check_netcdf, output_file, tell, tell_written
+from .options import Argument, Option, command, handed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -102,33 +89,10 @@ rest), or what the scene has: Rayleigh damping, dampers, viscous joints, absorbi
 Writes STEM.csv, STEM.nc and STEM.png.
 """
 _MOST_MODES, _MOST_POINTS = 1000, 200
-_OPTIONS = ("lowest", "highest", "per_octave", "quality")
-
-
-def register(add: AddParser) -> None:
-    """Declare the five subcommands."""
-    _register_modes(add)
-    _register_frf(add)
-    _register_backbone(add)
-    text = "write the motions of the sensors of a results file as a table and as a universal file (UNV 58)"
-    parser = declare(add, "export", text, _export, _EXPORT_EXAMPLES)
-    _add_sensors(parser)
-    option(parser, "-o --output", "STEM", "default: RESULT_sensors beside the results", Path)
-    text = "make shock response spectra of the sensors of a results file, or of a measured record"
-    parser = declare(add, "srs", text, _srs, _EXAMPLES)
-    _add_sensors(parser)
-    option(parser, "--value-unit", "UNIT", "of a record: unit of its values (g, m/s2), or the factor to m/s2")
-    option(parser, "--time-unit", "UNIT", "of a record: unit of its times (default: that of the header, else s)")
-    option(parser, "--column", "NAME", "of a record: name or number of the column of its values")
-    option(parser, "--time-column", "NAME", "of a record: name or number of the column of its times")
-    parser.add_argument("--gaps", choices=("refused", "linear"), help="of a record: where samples are missing")
-    option(parser, "--lowest", "HZ", "first frequency (default: 1 / duration)", float)
-    option(parser, "--highest", "HZ", "last frequency (default: sampling rate / 10)", float)
-    option(parser, "--per-octave", "N", "frequencies per octave (default: 12)", int)
-    option(parser, "--quality", "Q", "amplification of the oscillators (default: 10)", float)
-    parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
-    add_json(parser)
-    option(parser, "-o --output", "STEM", "default: RESULT_srs beside the results", Path)
+Joints = Literal["sticking", "open", "bonded"]
+Along = Annotated[Literal["x", "y", "z"] | None, Option("axis in the figure (default: that of the largest)")]
+_OF_SPECTRUM = ("lowest", "highest", "per_octave", "quality")
+_OF_RECORD = ("value_unit", "time_unit", "column", "time_column", "gaps")
 
 
 def _targets(stem: Path, *suffixes: str) -> list[Path]:
@@ -145,45 +109,6 @@ def _targets(stem: Path, *suffixes: str) -> list[Path]:
     return targets
 
 
-def _add_sensors(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
-    option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
-    switch(parser, "--g", "accelerations of texts, tables and figures in g, 9.80665 m/s2")
-
-
-def _register_modes(add: AddParser) -> None:
-    text = "print natural frequencies of the assembly of a scene and their damping in a run, and write its shapes"
-    add_scene(parser := declare(add, "modes", text, _modes, _MODES_EXAMPLES))
-    joints = ("sticking", "open", "bonded")
-    parser.add_argument("--joints", choices=joints, default=joints[0], help="default: sticking")
-    option(parser, "--count", "N", "elastic modes (default: 10)", int, default=10)
-    add_json(parser)
-    option(parser, "-o --output", "MODES.nc", "also write frequencies and shapes", output_file)
-    option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
-
-
-def _register_frf(add: AddParser) -> None:
-    text = "make frequency responses of the clamped assembly to its base or to forces: table, dataset and figure"
-    add_scene(parser := declare(add, "frf", text, _frf, _FRF_EXAMPLES))
-    text = "base.x, SENSOR.x or a load, repeatable (default: base along each axis)"
-    option(parser, "--drive", "NAME", text, action="append", default=[])
-    option(
-        parser, "--sensor", "NAME", "where the motion is taken, repeatable (default: all)", action="append", default=[]
-    )
-    option(parser, "--damping", "R[,R..]", "ratio to critical of the modes (default: damping of the scene)", _ratios)
-    kinds = ("receptance", "mobility", "accelerance")
-    parser.add_argument("--kind", choices=kinds, default="accelerance", help="per force (default: accelerance)")
-    parser.add_argument(
-        "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"
-    )
-    option(parser, "--lowest", "HZ", "first frequency (default: a tenth of the first natural one)", float)
-    option(parser, "--highest", "HZ", "last frequency (default: that of the tenth mode)", float)
-    option(parser, "--points", "N", "frequencies, by equal factors; more at peaks (default: 400)", int, default=400)
-    parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
-    add_json(parser)
-    option(parser, "-o --output", "STEM", "default: SCENE_frf in the current folder", Path)
-
-
 def _ratios(text: str) -> list[float]:
     """Damping ratios, separated by commas.
 
@@ -197,43 +122,73 @@ def _ratios(text: str) -> list[float]:
         raise argparse.ArgumentTypeError(f"{text!r} is no ratio, or ratios separated by commas") from None
 
 
-def _frf(arguments: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class FrfOptions(OfScene):
+    """Options of ``frf``."""
+
+    drives: Annotated[
+        tuple[str, ...],
+        Option("base.x, SENSOR.x or a load, repeatable (default: base along each axis)", "NAME", "--drive"),
+    ] = ()
+    sensors: Annotated[
+        tuple[str, ...], Option("where the motion is taken, repeatable (default: all)", "NAME", "--sensor")
+    ] = ()
+    damping: Annotated[Sequence[float] | None, Option(metavar="R[,R..]", read=_ratios)] = None
+    kind: Annotated[Literal["receptance", "mobility", "accelerance"] | None, Option()] = None
+    joints: Annotated[Joints | None, Option()] = None
+    lowest: Annotated[float | None, Option(metavar="HZ")] = None
+    highest: Annotated[float | None, Option(metavar="HZ")] = None
+    points: Annotated[int | None, Option(metavar="N")] = None
+    along: Along = None
+    json: Json = False
+    output: Annotated[Path | None, Option("default: SCENE_frf in the current folder", "STEM", "-o")] = None
+
+
+@command(_FRF_EXAMPLES, feeds=("frf",))
+def frf(given: FrfOptions) -> int:
+    """Make frequency responses of the clamped assembly to its base or to forces: table, dataset and figure."""
     from ..modal.frequency_response import frf
     from ..pictures.response_picture import response_figure
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
 
-    scene = read_scene(arguments)
-    targets = _targets(arguments.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
-    given = {key: getattr(arguments, key) for key in ("damping", "kind", "joints", "lowest", "highest", "points")}
+    scene = given.read_scene()
+    targets = _targets(given.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
     with Waiting("modes"):
-        made = frf(scene, arguments.drive, sensors=arguments.sensor, **given)
-    tell(arguments, made.lines(), made.report)
+        made = frf(scene, **handed(given, frf))
+    tell(given.json, made.lines(), made.report)
     write_bytes(targets[0], made.as_csv().encode())
     made.save(targets[1])
-    save_figure(response_figure(made, arguments.along), targets[2])
-    tell_written(arguments, f"frequency responses: {', '.join(map(str, targets))}")
+    save_figure(response_figure(made, given.along), targets[2])
+    tell_written(given.json, f"frequency responses: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
-def _register_backbone(add: AddParser) -> None:
-    text = "make frequency and damping of a mode against its amplitude: table, dataset and figure"
-    add_scene(parser := declare(add, "backbone", text, _backbone, _BACKBONE_EXAMPLES))
-    option(parser, "--mode", "N", "number of the elastic mode, from 1 (default: 1)", int, default=1)
-    option(parser, "--amplitude", "A[:B]", "smallest and largest amplitude, as 1um:0.1mm", required=True)
-    option(parser, "--points", "N", "amplitudes from A to B, by equal factors (default: 10)", int, default=10)
-    option(parser, "--sensor", "NAME", "whose amplitude is meant (default: of the point that moves most)")
-    parser.add_argument("--loop", choices=("half", "full", "masing"), default="half", help="default: half")
-    option(parser, "--increments", "N", "increments of load up to an amplitude (default: 2)", int, default=2)
-    option(parser, "--tolerance", "T", "of the static iteration (default: 1e-9)", float, default=1e-9)
-    add_json(parser)
-    option(parser, "--measured", "FILE", "points to draw beside: amplitude, frequency, damping ratio", Path)
-    text = "units of amplitude and damping in that file (default: those of the scene, 1)"
-    parser.add_argument("--measured-units", nargs=2, metavar=("LENGTH", "RATIO"), help=text)
-    option(parser, "-o --output", "STEM", "default: SCENE_backbone in the current folder", Path)
+@dataclass(frozen=True, kw_only=True)
+class BackboneOptions(OfScene):
+    """Options of ``backbone``."""
+
+    mode: Annotated[int, Option(metavar="N")] = 1
+    amplitude: Annotated[str, Option("smallest and largest amplitude, as 1um:0.1mm", "A[:B]")]
+    points: Annotated[int, Option("amplitudes from A to B, by equal factors", "N")] = 10
+    sensor: Annotated[str | None, Option(metavar="NAME")] = None
+    loop: Annotated[Literal["half", "full", "masing"] | None, Option()] = None
+    increments: Annotated[int | None, Option(metavar="N")] = None
+    tolerance: Annotated[float | None, Option(metavar="T")] = None
+    json: Json = False
+    measured: Annotated[Path | None, Option("points to draw beside: amplitude, frequency, damping ratio", "FILE")] = (
+        None
+    )
+    measured_units: Annotated[
+        tuple[str, str],
+        Option("units of amplitude and damping in that file (default: those of the scene, 1)", ("LENGTH", "RATIO")),
+    ] = ("", "1")
+    output: Annotated[Path | None, Option("default: SCENE_backbone in the current folder", "STEM", "-o")] = None
 
 
-def _backbone(arguments: argparse.Namespace) -> int:
+@command(_BACKBONE_EXAMPLES, feeds=("backbone",))
+def backbone(given: BackboneOptions) -> int:
+    """Make frequency and damping of a mode against its amplitude: table, dataset and figure."""
     import numpy as np
 
     from ..modal.backbone import backbone
@@ -241,30 +196,27 @@ def _backbone(arguments: argparse.Namespace) -> int:
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
 
-    scene = read_scene(arguments)
-    lowest, highest = _amplitudes(arguments.amplitude, scene.unit_system)
-    if not 1 <= arguments.points <= _MOST_POINTS:
-        problem = Problem("--points", "out of range", str(arguments.points), f"1 to {_MOST_POINTS}")
+    scene = given.read_scene()
+    lowest, highest = _amplitudes(given.amplitude, scene.unit_system)
+    if not 1 <= given.points <= _MOST_POINTS:
+        problem = Problem("--points", "out of range", str(given.points), f"1 to {_MOST_POINTS}")
         raise InputError([problem], "bad argument")
-    levels = np.geomspace(lowest, highest, arguments.points) if highest > lowest else np.array([highest])
-    measured = _measured(arguments, scene.unit_system)
-    targets = _targets(arguments.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
+    levels = np.geomspace(lowest, highest, given.points) if highest > lowest else np.array([highest])
+    measured = _measured(given, scene.unit_system)
+    targets = _targets(given.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
     with Waiting("tightening") as waiting:
         made = backbone(
             scene,
-            arguments.mode,
+            given.mode,
             levels,
-            arguments.sensor,
-            loop=arguments.loop,
-            increments=arguments.increments,
-            tolerance=arguments.tolerance,
+            **handed(given, backbone),
             progress=lambda done, total, *_: waiting.reached((done + 1) / total, "loops"),
         )
-    tell(arguments, made.lines(), made.groups()["/backbone"].report)
+    tell(given.json, made.lines(), made.groups()["/backbone"].report)
     write_bytes(targets[0], made.as_csv().encode())
     made.save(targets[1])
     save_figure(backbone_figure(made, measured), targets[2])
-    tell_written(arguments, f"backbone: {', '.join(map(str, targets))}")
+    tell_written(given.json, f"backbone: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -289,7 +241,7 @@ def _amplitudes(text: str, units: UnitSystem) -> tuple[float, float]:
     return sizes[0], sizes[-1]
 
 
-def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
+def _measured(given: BackboneOptions, units: UnitSystem) -> Array | None:
     """Measured points (n, 3) in the units of the scene, None where none are given.
 
     Raises
@@ -302,14 +254,14 @@ def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
     from ..scene.number_files import factor, read_columns, unit_problem
     from ..scene.unit_texts import names_for
 
-    if arguments.measured is None:
+    if given.measured is None:
         return None
-    length, ratio = arguments.measured_units or ("", "1")
+    length, ratio = given.measured_units
     for name, unit in ((length, "m"), (ratio, "1")):
         if name and (what := unit_problem(name, unit)):
             raise InputError([Problem("--measured-units", what, name, names_for(unit))], "bad argument")
     try:
-        table = np.array(read_columns(Path(), str(arguments.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
+        table = np.array(read_columns(Path(), str(given.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
     except PydanticCustomError as error:
         said = error.context or {}
         value = None if said.get("value") is None else str(said["value"])
@@ -318,31 +270,77 @@ def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
     return table * [factor(length, units) if length else 1.0, 1.0, factor(ratio)]
 
 
-def _modes(arguments: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ModesOptions(OfScene):
+    """Options of ``modes``."""
+
+    joints: Annotated[Joints | None, Option()] = None
+    count: Annotated[int | None, Option(metavar="N")] = None
+    json: Json = False
+    output: Annotated[Path | None, Option("also write frequencies and shapes", "MODES.nc", "-o", output_file)] = None
+    vtk: Annotated[Path | None, Option("also write files for ParaView to this folder", "FOLDER")] = None
+
+
+@command(_MODES_EXAMPLES, feeds=("vibration_modes",))
+def modes(given: ModesOptions) -> int:
+    """Print natural frequencies of the assembly of a scene and their damping in a run, and write its shapes."""
     from ..modal.modes import vibration_modes
     from ..results.vtk import check_export_folder
     from ..results.writing import check_target
 
-    if not 1 <= arguments.count <= _MOST_MODES:
-        problem = Problem("--count", "out of range", str(arguments.count), f"1 to {_MOST_MODES}")
+    if given.count is not None and not 1 <= given.count <= _MOST_MODES:
+        problem = Problem("--count", "out of range", str(given.count), f"1 to {_MOST_MODES}")
         raise InputError([problem], "bad argument")
-    if arguments.output is not None:
-        check_netcdf(arguments.output)
-        check_target(arguments.output)
-    if arguments.vtk is not None:
-        check_export_folder(arguments.vtk)
+    if given.output is not None:
+        check_netcdf(given.output)
+        check_target(given.output)
+    if given.vtk is not None:
+        check_export_folder(given.vtk)
     with Waiting("natural frequencies"):
-        modes = vibration_modes(read_scene(arguments), arguments.joints, arguments.count)
-    tell(arguments, modes.lines(), modes.groups()["/modes"].report)
-    if arguments.output is not None:
-        modes.save(arguments.output)
-        tell_written(arguments, f"modes: {arguments.output}")
-    if arguments.vtk is not None:
-        tell_written(arguments, f"for ParaView: {modes.export(arguments.vtk)}")
+        found = vibration_modes(given.read_scene(), **handed(given, vibration_modes))
+    tell(given.json, found.lines(), found.groups()["/modes"].report)
+    if given.output is not None:
+        found.save(given.output)
+        tell_written(given.json, f"modes: {given.output}")
+    if given.vtk is not None:
+        tell_written(given.json, f"for ParaView: {found.export(given.vtk)}")
     return CONVERGED
 
 
-def _srs(arguments: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class OfSensors:
+    """Options of a command that takes the sensors of a results file."""
+
+    results: Annotated[Path, Argument("results file written by run", "RESULT.nc")]
+    sensor: Annotated[tuple[str, ...], Option("sensor, repeatable (default: every one)", "NAME")] = ()
+    g: Annotated[bool, Option("accelerations of texts, tables and figures in g, 9.80665 m/s2")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class SrsOptions(OfSensors):
+    """Options of ``srs``."""
+
+    value_unit: Annotated[
+        str | None, Option("of a record: unit of its values (g, m/s2), or the factor to m/s2", "UNIT")
+    ] = None
+    time_unit: Annotated[
+        str | None, Option("of a record: unit of its times (default: that of the header, else s)", "UNIT")
+    ] = None
+    column: Annotated[str | None, Option("of a record: name or number of the column of its values", "NAME")] = None
+    time_column: Annotated[str | None, Option("of a record: name or number of the column of its times", "NAME")] = None
+    gaps: Annotated[Literal["refused", "linear"] | None, Option("of a record: where samples are missing")] = None
+    lowest: Annotated[float | None, Option("first frequency (default: 1 / duration)", "HZ")] = None
+    highest: Annotated[float | None, Option("last frequency (default: sampling rate / 10)", "HZ")] = None
+    per_octave: Annotated[int | None, Option("frequencies per octave (default: 12)", "N")] = None
+    quality: Annotated[float | None, Option("amplification of the oscillators (default: 10)", "Q")] = None
+    along: Along = None
+    json: Json = False
+    output: Annotated[Path | None, Option("default: RESULT_srs beside the results", "STEM", "-o")] = None
+
+
+@command(_EXAMPLES)
+def srs(given: SrsOptions) -> int:
+    """Make shock response spectra of the sensors of a results file, or of a measured record."""
     from ..pictures.style import save_figure
     from ..pictures.summary_picture import spectra_figure
     from ..results.export import acceleration_unit
@@ -352,24 +350,24 @@ def _srs(arguments: argparse.Namespace) -> int:
     from ..results.spectra import as_csv, spectrum_group
     from ..results.writing import write_bytes
 
-    stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
-    file = arguments.results
+    stem = given.output or given.results.with_name(f"{given.results.stem}_srs")
+    file = given.results
     if _is_record(file):
-        return _srs_of_record(arguments, _targets(stem, "csv", "nc"))
+        return _srs_of_record(given, _targets(stem, "csv", "nc"))
     targets = _targets(stem, "csv", "nc", "png")
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
-        spectra = dict(_spectra(tree, arguments, waiting))
+        spectra = dict(_spectra(tree, given, waiting))
         units = units_of(tree.attrs)
-        in_g = acceleration_unit(units, arguments.g)
-        units = units.with_g if arguments.g else units
+        in_g = acceleration_unit(units, given.g)
+        units = units.with_g if given.g else units
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
     lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
-    tell(arguments, lines, lambda: {name: group.report() for name, group in groups.items()})
+    tell(given.json, lines, lambda: {name: group.report() for name, group in groups.items()})
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
     write_netcdf(made, targets[1])
-    save_figure(spectra_figure(spectra, arguments.along, units), targets[2])
-    tell_written(arguments, f"spectra: {', '.join(map(str, targets))}")
+    save_figure(spectra_figure(spectra, given.along, units), targets[2])
+    tell_written(given.json, f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -386,7 +384,7 @@ def _is_record(file: Path) -> bool:
         return False
 
 
-def _srs_of_record(arguments: argparse.Namespace, targets: Sequence[Path]) -> int:
+def _srs_of_record(given: SrsOptions, targets: Sequence[Path]) -> int:
     """Spectrum of a file of a recorder."""
     from ..results.export import acceleration_unit
     from ..results.files import write_netcdf
@@ -395,16 +393,15 @@ def _srs_of_record(arguments: argparse.Namespace, targets: Sequence[Path]) -> in
     from ..results.writing import write_bytes
     from ..scene.units import SI
 
-    given = {key: getattr(arguments, key) for key in ("value_unit", "time_unit", "column", "time_column", "gaps")}
-    law = {"file": str(arguments.results), "start": "record"}
-    law |= {key: _number_or_text(value) for key, value in given.items() if value is not None}
-    made, read_as = _record_spectrum(law, arguments)
-    units = SI.with_g if arguments.g else SI
-    lines = record_lines(made, f"{arguments.results}, {read_as}", units)
-    tell(arguments, lines, lambda: StoredGroup.of_dataset(record_dataset(made)).report())
-    write_bytes(targets[0], record_csv(made, acceleration_unit(units, arguments.g)).encode())
-    write_netcdf(_record_tree(made, str(arguments.results), read_as), targets[1])
-    tell_written(arguments, f"spectrum: {', '.join(map(str, targets))}")
+    law = {"file": str(given.results), "start": "record"}
+    law |= {key: _number_or_text(value) for key, value in _said(given, _OF_RECORD).items()}
+    made, read_as = _record_spectrum(law, _said(given, _OF_SPECTRUM))
+    units = SI.with_g if given.g else SI
+    lines = record_lines(made, f"{given.results}, {read_as}", units)
+    tell(given.json, lines, lambda: StoredGroup.of_dataset(record_dataset(made)).report())
+    write_bytes(targets[0], record_csv(made, acceleration_unit(units, given.g)).encode())
+    write_netcdf(_record_tree(made, str(given.results), read_as), targets[1])
+    tell_written(given.json, f"spectrum: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -428,8 +425,8 @@ def _record_tree(made: ShockSpectrum, file: str, read_as: str) -> xr.DataTree:
     return xr.DataTree(data)
 
 
-def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tuple[ShockSpectrum, str]:
-    """Spectrum of a record with the keys of a law, and what was read, in words.
+def _record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple[ShockSpectrum, str]:
+    """Spectrum of a record with the keys of a law, and those of a spectrum, and what was read, in words.
 
     Raises
     ------
@@ -459,31 +456,35 @@ def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tupl
     if off > _UNEVEN * step:
         what, allowed = "the samples are not evenly spaced", f"up to {_UNEVEN:g} of the interval of {step:.4g} s"
         raise InputError.of(heading, law["file"], what, f"{off / step:.3g} intervals off", allowed)
-    given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
-    request = _request(given)
-    frequencies = request.frequencies(step, float(times[-1] - times[0])) or given.get("highest", 0.0)
+    request = _request(requested)
+    frequencies = request.frequencies(step, float(times[-1] - times[0])) or requested.get("highest", 0.0)
     made = shock_response_spectrum(values, step, frequencies, request.quality, interpolation=BAND)
     return made, record.read_as
 
 
-def _export(arguments: argparse.Namespace) -> int:
+@command(_EXPORT_EXAMPLES)
+def export(
+    of: OfSensors,
+    output: Annotated[Path | None, Option("default: RESULT_sensors beside the results", "STEM", "-o")] = None,
+) -> int:
+    """Write the motions of the sensors of a results file as a table and as a universal file (UNV 58)."""
     from ..results.export import sensors_as_csv, universal_file
     from ..results.files import open_results, readable
     from ..results.writing import write_bytes
 
-    stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_sensors")
+    stem = output or of.results.with_name(f"{of.results.stem}_sensors")
     targets = _targets(stem, "csv", "unv")
-    with closing(open_results(arguments.results)) as tree, readable(arguments.results):
-        known = _sensors(tree, arguments, "nothing to export")
-        names = arguments.sensor or known
-        made = sensors_as_csv(tree, names, arguments.g), universal_file(tree, names)
+    with closing(open_results(of.results)) as tree, readable(of.results):
+        known = _sensors(tree, of, "nothing to export")
+        names = of.sensor or known
+        made = sensors_as_csv(tree, names, of.g), universal_file(tree, names)
     for target, text in zip(targets, made, strict=True):
         write_bytes(target, text.encode())
     print(f"sensors: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
-def _sensors(tree: xr.DataTree, arguments: argparse.Namespace, heading: str) -> list[str]:
+def _sensors(tree: xr.DataTree, of: OfSensors, heading: str) -> list[str]:
     """Names of the sensors of a file.
 
     Raises
@@ -493,11 +494,11 @@ def _sensors(tree: xr.DataTree, arguments: argparse.Namespace, heading: str) -> 
     known = list(tree["sensors"].children) if "sensors" in tree.children else []
     if not known:
         what = "the results have no sensors"
-        problem = Problem(str(arguments.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
+        problem = Problem(str(of.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
         raise ResultsError([problem], heading)
     unknown = [
         Problem("--sensor", "no sensor of this name", name, listed(known), did_you_mean(name, known))
-        for name in arguments.sensor
+        for name in of.sensor
         if name not in known
     ]
     if unknown:
@@ -515,22 +516,27 @@ def _tree(results: xr.DataTree, spectra: Mapping[str, xr.Dataset]) -> xr.DataTre
 
 
 def _spectra(
-    tree: xr.DataTree, arguments: argparse.Namespace, waiting: Waiting
+    tree: xr.DataTree, given: SrsOptions, waiting: Waiting
 ) -> Iterator[tuple[str, tuple[ShockSpectrum, Array | None]]]:
     """Spectra and their estimated errors by sensor."""
     from ..results.spectra import stored_spectrum
 
-    known = _sensors(tree, arguments, "no shock response spectrum")
-    given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
+    known = _sensors(tree, given, "no shock response spectrum")
+    requested = _said(given, _OF_SPECTRUM)
     stored = [name for name in known if "spectrum" in tree[f"sensors/{name}"].children]
-    request = _request(given)
+    request = _request(requested)
     # options ask for other spectra than the stored ones
-    chosen = arguments.sensor or (stored if stored and not given else known)
+    chosen = given.sensor or (stored if stored and not requested else known)
     for number, name in enumerate(chosen):
         waiting.reached(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
-        made = name in stored and not given
+        made = name in stored and not requested
         yield name, stored_spectrum(node["spectrum"]) if made else (_computed(name, node, request), None)
+
+
+def _said(given: SrsOptions, keys: Sequence[str]) -> dict[str, Any]:
+    """Options that were given."""
+    return {key: value for key in keys if (value := getattr(given, key)) is not None}
 
 
 def _request(given: Mapping[str, Any]) -> Spectrum:

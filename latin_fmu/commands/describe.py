@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -11,28 +10,11 @@ import time
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import (
-    CONVERGED,
-    LIMITED,
-    REMARKED,
-    AddParser,
-    Waiting,
-    add_json,
-    add_max_cpu,
-    add_scene,
-    add_settings,
-    add_strict,
-    declare,
-    option,
-    output_file,
-    read_scene,
-    say,
-    switch,
-    tell,
-)
+from . import CONVERGED, LIMITED, REMARKED, Json, OfScene, Strict, Waiting, output_file, say, seconds, tell
+from .options import Argument, Option, command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,96 +23,109 @@ if TYPE_CHECKING:
     from ..scene.schema import Scene
 
 
-def register(add: AddParser) -> None:
-    """Declare the six subcommands."""
-    text = "read a scene, build its meshes and interfaces, print sizes and warnings"
-    add_scene(parser := declare(add, "check", text, _check))
-    add_strict(parser)
-    add_json(parser)
-    text = "print which effects a scene has, why, what each costs and which key switches it"
-    add_scene(parser := declare(add, "explain", text, _explain))
-    add_strict(parser)
-    add_json(parser)
-    text = (
-        "also solve the scene coarsely and print what matters in it, then with one effect changed at a time: what each"
-    )
-    switch(parser, "--run", f"{text} costs and changes (the time of 40 runs and 20 s at most)")
-    text = "with --run: CPU seconds that all runs may take; where they are reached the command stops (exit code"
-    add_max_cpu(parser, f"{text} {LIMITED}), what is found until then is printed and marked")
-    text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
-    option(parser, "--fmu", "N", text, int, nargs="?", const=0)
-    text = "print every key of a scene file, with units and defaults"
-    parser = declare(add, "reference", text, _reference)
-    switch(parser, "--schema", "print the JSON schema instead")
-    _register_plot(add)
-    _register_view(add)
-    _register_demo(add)
+@dataclass(frozen=True, kw_only=True)
+class PlotOptions:
+    """Options of ``plot``."""
+
+    file: Annotated[Path, Argument("scene (.toml), or file written by run or sweep (.nc)", "FILE")]
+    output: Annotated[
+        Path | None,
+        Option(
+            "png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)",
+            "FIGURE",
+            "-o",
+            output_file,
+        ),
+    ] = None
+    overrides: Annotated[
+        tuple[str, ...], Option("of a scene: change one setting; may be repeated", "a.b.c=value", "--set")
+    ] = ()
+    bodies: Annotated[
+        bool, Option("of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)")
+    ] = False
+    details: Annotated[bool, Option("of a results file: also the convergence of its iteration")] = False
+    quantity: Annotated[tuple[str, ...], Option("of a study: draw this quantity; may be repeated", "NAME")] = ()
+    tornado: Annotated[
+        bool, Option("of a results file: changes of its quantities by parameters (output.sensitivities)")
+    ] = False
+    bands: Annotated[bool, Option("of results with a table [spread]: histories and spectra with their bands")] = False
+    map: Annotated[bool, Option("of a results file: pressure, friction and contact states of an interface")] = False
+    interface: Annotated[
+        str | None, Option("with --bodies or --map: the interface (default: largest force)", "NAME")
+    ] = None
+    time: Annotated[float | None, Option("with --bodies or --map: the instant (default: largest force)", "S")] = None
+    magnify: Annotated[float | None, Option("with --bodies: factor on the displacements", "X")] = None
+    first: Annotated[float | None, Option("of a film: its first instant", "S", "--from")] = None
+    last: Annotated[float | None, Option("of a film: its last instant", "S", "--to")] = None
+    frames: Annotated[int | None, Option("of a film: number of pictures (default: 40)", "N")] = None
 
 
-def _register_plot(add: AddParser) -> None:
-    text = "draw the assembly of a scene; forces, sensors and bolts of a results file, or its bodies; a study"
-    parser = declare(add, "plot", text, _plot)
-    parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
-    text = "png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)"
-    option(parser, "-o --output", "FIGURE", text, output_file)
-    add_settings(parser, "of a scene: change one setting; may be repeated")
-    text = "of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)"
-    switch(parser, "--bodies", text)
-    switch(parser, "--details", "of a results file: also the convergence of its iteration")
-    option(parser, "--quantity", "NAME", "of a study: draw this quantity; may be repeated", action="append")
-    switch(parser, "--tornado", "of a results file: changes of its quantities by parameters (output.sensitivities)")
-    switch(parser, "--bands", "of results with a table [spread]: histories and spectra with their bands")
-    switch(parser, "--map", "of a results file: pressure, friction and contact states of an interface")
-    both = "with --bodies or --map"
-    option(parser, "--interface", "NAME", f"{both}: the interface (default: largest force)")
-    option(parser, "--time", "S", f"{both}: the instant (default: largest force)", float)
-    option(parser, "--magnify", "X", "with --bodies: factor on the displacements", float)
-    option(parser, "--from", "S", "of a film: its first instant", float, dest="first")
-    option(parser, "--to", "S", "of a film: its last instant", float, dest="last")
-    option(parser, "--frames", "N", "of a film: number of pictures (default: 40)", int)
-
-
-def _register_view(add: AddParser) -> None:
-    text = "write a results file as one HTML page: bodies that deform, fields of the interfaces, curves over time"
-    parser = declare(add, "view", text, _view, _VIEW_EXAMPLES)
-    parser.add_argument("file", metavar="OUT.nc", type=Path, help="results file of a run with output.fields = true")
-    option(parser, "-o --output", "PAGE.html", "default: beside the file, as html", output_file)
-    option(parser, "--from", "S", "first instant (default: the first one stored)", float, dest="first")
-    option(parser, "--to", "S", "last instant (default: the last one stored)", float, dest="last")
-    option(parser, "--frames", "N", "number of instants (default: up to 400, as many as fit into 20 MB)", int)
-
-
-def _check(arguments: argparse.Namespace) -> int:
+@command()
+def check(of: OfScene, strict: Strict = False, json: Json = False) -> int:
+    """Read a scene, build its meshes and interfaces, print sizes and warnings."""
     from .. import api
 
     with Waiting("check"):
-        found = api.checked(read_scene(arguments))
-    tell(arguments, found.text(), found.report)
-    return REMARKED if arguments.strict and found.remarks else CONVERGED
+        found = api.checked(of.read_scene())
+    tell(json, found.text(), found.report)
+    return REMARKED if strict and found.remarks else CONVERGED
 
 
-def _explain(arguments: argparse.Namespace) -> int:
+_FMU_MODES: Final = 0  # of --fmu without a number: all of them
+
+
+@command()
+def explain(
+    of: OfScene,
+    strict: Strict = False,
+    json: Json = False,
+    run: Annotated[
+        bool,
+        Option(
+            "also solve the scene coarsely and print what matters in it, then with one effect changed at a time: what "
+            "each costs and changes (the time of 40 runs and 20 s at most)"
+        ),
+    ] = False,
+    max_cpu: Annotated[
+        float | None,
+        Option(
+            "with --run: CPU seconds that all runs may take; where they are reached the command stops (exit code "
+            f"{LIMITED}), what is found until then is printed and marked",
+            "SECONDS",
+            read=seconds,
+        ),
+    ] = None,
+    fmu: Annotated[
+        int | None,
+        Option(
+            "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes",
+            "N",
+            const=_FMU_MODES,
+        ),
+    ] = None,
+) -> int:
+    """Print which effects a scene has, why, what each costs and which key switches it."""
     from ..effects.explanation import explain
 
-    if arguments.max_cpu is not None and not arguments.run:
+    if max_cpu is not None and not run:
         raise InputError.of("bad argument", "--max-cpu", "nothing is run that it could limit", remedy="add --run")
-    scene = read_scene(arguments)
+    scene = of.read_scene()
     with Waiting("prediction of the cost"):
-        explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
+        explanation = explain(scene, of.scene.read_text(encoding="utf-8-sig"))
     report = explanation.report()
     text = explanation.text()
     limited = False
-    if arguments.run:
-        added, lines, limited = _effects_in_runs(scene, explanation, arguments.max_cpu)
+    if run:
+        added, lines, limited = _effects_in_runs(scene, explanation, max_cpu)
         report, text = report | added, f"{text}\n\n{lines}"
-    if arguments.fmu is not None:
+    if fmu is not None:
         with Waiting("size of the compiled FMU"):
-            size = _compiled_size(arguments)
+            size = _compiled_size(of, fmu)
         report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
-    tell(arguments, [text], lambda: report)
+    tell(json, [text], lambda: report)
     if limited:
         return LIMITED
-    return REMARKED if arguments.strict and explanation.warnings else CONVERGED
+    return REMARKED if strict and explanation.warnings else CONVERGED
 
 
 def _effects_in_runs(
@@ -156,46 +151,48 @@ def _effects_in_runs(
     return report | {"measured_effects": measured.report()}, text, measured.limited
 
 
-def _compiled_size(arguments: argparse.Namespace) -> int:
-    """Bytes of the compiled FMU of the option ``--fmu``."""
+def _compiled_size(of: OfScene, modes: int) -> int:
+    """Bytes of the compiled FMU of a scene; ``modes`` of its bodies, 0: all of them."""
     from importlib import import_module
 
     from ..reader import load_scene
 
-    if arguments.fmu < 0:
-        raise InputError([Problem("--fmu", "too few modes", str(arguments.fmu), "1 or more; nothing for all dofs")])
+    if modes < 0:
+        raise InputError([Problem("--fmu", "too few modes", str(modes), "1 or more; nothing for all dofs")])
     checks = import_module("fmu_build.checks")
-    settings = [checks.SETTING.format(arguments.fmu)] if arguments.fmu else []
-    size: int = checks.compiled_size(load_scene(arguments.scene, [*arguments.overrides, *settings]))
+    settings = [checks.SETTING.format(modes)] if modes else []
+    size: int = checks.compiled_size(load_scene(of.scene, [*of.overrides, *settings]))
     return size
 
 
-def _plot(arguments: argparse.Namespace) -> int:
+@command()
+def plot(given: PlotOptions) -> int:
+    """Draw the assembly of a scene; forces, sensors and bolts of a results file, or its bodies; a study."""
     from ..pictures.result_picture import FILM
     from ..pictures.style import FORMATS, check_figure_path, save_figure
     from ..results.writing import check_target
 
-    target = arguments.output or arguments.file.with_suffix(".png")
-    check_figure_path(target, FORMATS if _is_scene(arguments.file) else (*FORMATS, FILM))
+    target = given.output or given.file.with_suffix(".png")
+    check_figure_path(target, FORMATS if _is_scene(given.file) else (*FORMATS, FILM))
     check_target(target)
-    _check_options(arguments, target.suffix.lower() == FILM)
+    _check_options(given, target.suffix.lower() == FILM)
     with Waiting("figure") as waiting:
         if target.suffix.lower() == FILM:
-            _film(arguments, target, waiting)
+            _film(given, target, waiting)
         else:
-            save_figure(_scene_figure(arguments) if _is_scene(arguments.file) else _results_figure(arguments), target)
+            save_figure(_scene_figure(given) if _is_scene(given.file) else _results_figure(given), target)
     print(f"figure: {target}")
     return CONVERGED
 
 
-def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None:
+def _film(given: PlotOptions, target: Path, waiting: Waiting) -> None:
     from ..pictures.result_picture import Window, save_film
     from ..results.files import open_results, readable
 
-    window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
+    window = Window(given.first, given.last, given.frames or Window.frames)
     waiting.reached(0.0, "film")
-    with closing(open_results(arguments.file)) as tree, readable(arguments.file):
-        save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.reached)
+    with closing(open_results(given.file)) as tree, readable(given.file):
+        save_film(tree, target, window, given.interface, given.magnify, given.map, waiting.reached)
 
 
 _VIEW_EXAMPLES = """\
@@ -206,32 +203,41 @@ examples:
 _PAGES: Final = (".html", ".htm")
 
 
-def _view(arguments: argparse.Namespace) -> int:
+@command(_VIEW_EXAMPLES)
+def view(
+    file: Annotated[Path, Argument("results file of a run with output.fields = true", "OUT.nc")],
+    output: Annotated[Path | None, Option("default: beside the file, as html", "PAGE.html", "-o", output_file)] = None,
+    first: Annotated[float | None, Option("first instant (default: the first one stored)", "S", "--from")] = None,
+    last: Annotated[float | None, Option("last instant (default: the last one stored)", "S", "--to")] = None,
+    frames: Annotated[
+        int | None, Option("number of instants (default: up to 400, as many as fit into 20 MB)", "N")
+    ] = None,
+) -> int:
+    """Write a results file as one HTML page: bodies that deform, fields of the interfaces, curves over time."""
     from ..pictures.viewer import page
     from ..results.files import open_results, readable
     from ..results.writing import check_target, write_bytes
 
-    target = arguments.output or arguments.file.with_suffix(".html")
+    target = output or file.with_suffix(".html")
     if target.suffix.lower() not in _PAGES:
         raise InputError.of("bad argument", "--output", "a page is written as HTML", str(target), ", ".join(_PAGES))
     check_target(target)
-    if problems := _window_problems(arguments):
+    if problems := _window_problems(first, last, frames):
         raise ResultsError(problems, "the page cannot be made")
-    chosen = (arguments.first, arguments.last, arguments.frames)
-    with Waiting("page"), closing(open_results(arguments.file)) as tree, readable(arguments.file):
-        made = page(tree, *chosen)
+    with Waiting("page"), closing(open_results(file)) as tree, readable(file):
+        made = page(tree, first, last, frames)
     print(f"page: {write_bytes(target, made.encode())}")
     return CONVERGED
 
 
-def _window_problems(arguments: argparse.Namespace) -> list[Problem]:
+def _window_problems(first: float | None, last: float | None, frames: int | None) -> list[Problem]:
     """Numbers of a window of time that are out of range."""
     problems = []
-    if arguments.frames is not None and not 2 <= arguments.frames <= 1000:
-        problems.append(Problem("--frames", "out of range", str(arguments.frames), "2 to 1000"))
+    if frames is not None and not 2 <= frames <= 1000:
+        problems.append(Problem("--frames", "out of range", str(frames), "2 to 1000"))
     problems += [
         Problem(f"--{key}", "out of range", str(value), "a number >= 0 [s]")
-        for key, value in (("from", arguments.first), ("to", arguments.last))
+        for key, value in (("from", first), ("to", last))
         if value is not None and not value >= 0.0
     ]
     return problems
@@ -241,18 +247,18 @@ def _is_scene(file: Path) -> bool:
     return file.suffix.lower() == ".toml"
 
 
-def _scene_figure(arguments: argparse.Namespace) -> Figure:
+def _scene_figure(given: PlotOptions) -> Figure:
     from ..pictures.assembly_picture import assembly_figure
     from ..reader import load_scene
 
     warnings: list[str] = []
-    figure = assembly_figure(load_scene(arguments.file, arguments.overrides), warnings)
+    figure = assembly_figure(load_scene(given.file, given.overrides), warnings)
     for warning in warnings:
         say(f"warning: {warning}")
     return figure
 
 
-def _results_figure(arguments: argparse.Namespace) -> Figure:
+def _results_figure(given: PlotOptions) -> Figure:
     from ..pictures.result_picture import map_figure, result_figure
     from ..pictures.sensitivity_picture import bands_figure, tornado_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
@@ -260,25 +266,25 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..results.groups import units_of
     from ..results.spectra import stored_spectra
 
-    with closing(open_results(arguments.file)) as tree, readable(arguments.file):
+    with closing(open_results(given.file)) as tree, readable(given.file):
         if "kind" in tree.attrs and "spread" not in tree.children:  # a parametric study
             from ..parametric.figure import study_figure
 
-            return study_figure(tree.to_dataset(), arguments.quantity)
-        if arguments.map:
-            return map_figure(tree, arguments.interface, arguments.time)
-        if arguments.tornado:
+            return study_figure(tree.to_dataset(), list(given.quantity) or None)
+        if given.map:
+            return map_figure(tree, given.interface, given.time)
+        if given.tornado:
             return tornado_figure(tree)
-        if arguments.bands or "kind" in tree.attrs:
+        if given.bands or "kind" in tree.attrs:
             return bands_figure(tree)
-        if arguments.bodies:
-            return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
+        if given.bodies:
+            return result_figure(tree, given.interface, given.time, given.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
             return spectra_figure(spectra, units=units_of(tree.attrs))
-        return summary_figure(tree, arguments.details)
+        return summary_figure(tree, given.details)
 
 
-def _check_options(arguments: argparse.Namespace, film: bool) -> None:
+def _check_options(given: PlotOptions, film: bool) -> None:
     """Options that the file cannot have are refused, all at once.
 
     Raises
@@ -286,49 +292,51 @@ def _check_options(arguments: argparse.Namespace, film: bool) -> None:
     ResultsError : options of a scene with results, of one kind of figure with another, numbers out of range.
     """
     problems: list[Problem] = []
-    scene, bodies = _is_scene(arguments.file), arguments.bodies or (film and not arguments.map)
+    scene, bodies = _is_scene(given.file), given.bodies or (film and not given.map)
     problems += [
         Problem(f"--{key}", "this figure is one of results, and no film")
         for key in ("tornado", "bands")
-        if getattr(arguments, key) and (scene or film)
+        if getattr(given, key) and (scene or film)
     ]
-    if arguments.overrides and not scene:
+    if given.overrides and not scene:
         problems.append(Problem("--set", "the settings of results cannot be changed", allowed="a scene (.toml)"))
-    of_bodies = {"interface": bodies or arguments.map, "time": arguments.bodies or arguments.map, "magnify": bodies}
+    of_bodies = {"interface": bodies or given.map, "time": given.bodies or given.map, "magnify": bodies}
     problems += [
         Problem(f"--{key}", "this option is for the figure of bodies or of a map", remedy="add --bodies or --map")
         for key, fits in of_bodies.items()
-        if getattr(arguments, key) is not None and not fits
+        if getattr(given, key) is not None and not fits
     ]
     problems += [
         Problem(f"--{key}", "this option is for a film", remedy="name a file that ends in .gif")
-        for key, value in (("from", arguments.first), ("to", arguments.last), ("frames", arguments.frames))
+        for key, value in (("from", given.first), ("to", given.last), ("frames", given.frames))
         if value is not None and not film
     ]
     problems += [
         Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
         for key in ("bodies", "map", "details")
-        if getattr(arguments, key) and scene
+        if getattr(given, key) and scene
     ]
-    if arguments.bodies and arguments.map:
+    if given.bodies and given.map:
         problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
-    if arguments.details and (arguments.bodies or arguments.map):
+    if given.details and (given.bodies or given.map):
         problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
-    if film and arguments.time is not None:
+    if film and given.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
-    if arguments.magnify is not None and not 0.0 <= arguments.magnify < float("inf"):
-        problems.append(Problem("--magnify", "out of range", str(arguments.magnify), "a number >= 0"))
-    if arguments.time is not None and not arguments.time >= 0.0:
-        problems.append(Problem("--time", "out of range", str(arguments.time), "a number >= 0 [s]"))
-    problems += _window_problems(arguments)
+    if given.magnify is not None and not 0.0 <= given.magnify < float("inf"):
+        problems.append(Problem("--magnify", "out of range", str(given.magnify), "a number >= 0"))
+    if given.time is not None and not given.time >= 0.0:
+        problems.append(Problem("--time", "out of range", str(given.time), "a number >= 0 [s]"))
+    problems += _window_problems(given.first, given.last, given.frames)
     if problems:
         raise ResultsError(problems, "the figure cannot be drawn")
 
 
-def _reference(arguments: argparse.Namespace) -> int:
+@command()
+def reference(schema: Annotated[bool, Option("print the JSON schema instead")] = False) -> int:
+    """Print every key of a scene file, with units and defaults."""
     from ..scene.reference import reference_schema, reference_text
 
-    print(json.dumps(reference_schema(), indent=2) if arguments.schema else reference_text())
+    print(json.dumps(reference_schema(), indent=2) if schema else reference_text())
     return CONVERGED
 
 
@@ -357,17 +365,11 @@ class _ModelRow:
     cpu: str
 
 
-def _register_demo(add: AddParser) -> None:
-    parser = declare(add, "demo", "list the models that come with the package, or copy one", _demo, _DEMO_EXAMPLES)
-    parser.add_argument("name", metavar="NAME", nargs="?", help="model to copy into the current folder")
-
-
-def _demo(arguments: argparse.Namespace) -> int:
+@command(_DEMO_EXAMPLES)
+def demo(name: Annotated[str | None, Argument("model to copy into the current folder", "NAME")] = None) -> int:
+    """List the models that come with the package, or copy one."""
     folder = models_folder()
-    if arguments.name is None:
-        print("\n".join(_list(_models(folder))))
-    else:
-        print("\n".join(_copy(folder, arguments.name)))
+    print("\n".join(_list(_models(folder)) if name is None else _copy(folder, name)))
     return CONVERGED
 
 

@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from zipfile import ZipFile
 
 from ..errors import InputError, LatinError, NeedsPythonError, Problem, listed
-from ..scene.laws import InputLaw
-from . import (
-    BAD_INPUT,
-    CONVERGED,
-    LIMITED,
-    SOLVER_FAILED,
-    AddParser,
-    Waiting,
-    add_max_cpu,
-    add_scene,
-    declare,
-    option,
-    output_file,
-    read_scene,
-    say,
-    switch,
-)
+from . import BAD_INPUT, CONVERGED, LIMITED, SOLVER_FAILED, OfScene, Waiting, output_file, say, seconds
+from .options import Argument, Option, command
 
 if TYPE_CHECKING:
     from ..scene.schema import Scene
@@ -67,69 +52,66 @@ linear, and where only a value is given its rate is taken from them.
 """
 _NEEDED: Final = "pip install 'latin-fmu[fmu]' gives what FMUs need"
 
-REFERENCES: Final = ("short", "whole", "none")
+Reference = Literal["short", "whole", "none"]
 
 _LARGE = 5e7
 """Bytes of the matrices of a compiled FMU from which on their size is printed before they are made."""
 
 
-def register(add: AddParser) -> None:
-    """Declare the two subcommands."""
-    _register_fmu(add)
-    _register_simulate(add)
+@dataclass(frozen=True, kw_only=True)
+class FmuOptions(OfScene):
+    """Options of ``fmu``."""
+
+    output: Annotated[
+        Path | None,
+        Option(
+            "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder",
+            "X.fmu",
+            "-o",
+            output_file,
+        ),
+    ] = None
+    fmi: Annotated[Literal["2", "3"] | None, Option("version of the FMI (default: 2; of a reduced model 3)")] = None
+    inputs: Annotated[
+        str,
+        Option(
+            "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for whatever drives the scene",
+            "NAME,...",
+        ),
+    ] = ""
+    reference: Annotated[
+        Reference,
+        Option("reference run in the FMU: its beginning where it is long (default), the whole of it, or none", "RUN"),
+    ] = "short"
+    python: Annotated[
+        bool, Option("an FMU that needs a Python where it runs; time step and tolerance are parameters")
+    ] = False
+    portable: Annotated[bool, Option("an FMU for x86-64 processors without AVX2, from 2009 on")] = False
+    model_exchange: Annotated[bool, Option("a reduced model as differential equations (FMI 3 only)")] = False
+    modes: Annotated[
+        int | None,
+        Option("reduce the bodies to N elastic modes, and print the error; of a reduced model (default: 12)", "N"),
+    ] = None
+    patches: Annotated[int | None, Option("reduced model: patches per contact (default: 4)", "P")] = None
 
 
-def _register_fmu(add: AddParser) -> None:
-    text = "make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it"
-    parser = declare(add, "fmu", text, _fmu, _BUILD_EXAMPLES)
-    add_scene(parser)
-    text = "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder"
-    option(parser, "-o --output", "X.fmu", text, output_file)
-    parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
-    text = "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for whatever drives the scene"
-    option(parser, "--inputs", "NAME,...", text, default="")
-    text = "reference run in the FMU: its beginning where it is long (default), the whole of it, or none"
-    option(parser, "--reference", "RUN", text, choices=REFERENCES, default=REFERENCES[0])
-    switch(parser, "--python", "an FMU that needs a Python where it runs; time step and tolerance are parameters")
-    switch(parser, "--portable", "an FMU for x86-64 processors without AVX2, from 2009 on")
-    switch(parser, "--model-exchange", "a reduced model as differential equations (FMI 3 only)")
-    text = "reduce the bodies to N elastic modes, and print the error; of a reduced model (default: 12)"
-    option(parser, "--modes", "N", text, int)
-    option(parser, "--patches", "P", "reduced model: patches per contact (default: 4)", int)
-
-
-def _register_simulate(add: AddParser) -> None:
-    text = "run an FMU with fmpy"
-    parser = declare(add, "simulate", text, _simulate, _RUN_EXAMPLES)
-    text = "FMU for co-simulation, or for model exchange (by CVode)"
-    parser.add_argument("fmu", metavar="X.fmu", type=Path, help=text)
-    option(parser, "--input", "IN.csv", "inputs over time", Path)
-    text = "outputs at every step (default: out.csv)"
-    option(parser, "-o --output", "OUT.csv", text, output_file, default=Path("out.csv"))
-    option(parser, "--step", "H", "communication step, s (default: that of the FMU)", float)
-    option(parser, "--stop", "T", "end, s (default: that of the FMU)", float)
-    text = "start value of an input or parameter; repeatable"
-    option(parser, "--start", "NAME=VALUE", text, action="append", default=[])
-    text = "CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code"
-    add_max_cpu(parser, f"{text} {LIMITED}): the rows until then are written")
-    switch(parser, "-q --quiet", "no progress and no summary")
-
-
-def _fmu(arguments: argparse.Namespace) -> int:
+@command(_BUILD_EXAMPLES)
+def fmu(given: FmuOptions) -> int:
+    """Make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it."""
     from importlib import import_module
 
     from ..results.writing import check_target
 
-    if problems := list(_contradictions(arguments)):
+    if problems := list(_contradictions(given)):
         raise InputError(problems, "the options contradict each other")
-    if arguments.scene.is_dir():
-        return _of_folder(arguments)
-    scene = read_scene(arguments)
-    target = arguments.output or Path(f"{scene.name}.fmu")
+    if given.scene.is_dir():
+        return _of_folder(given)
+    scene = given.read_scene()
+    target = given.output or Path(f"{scene.name}.fmu")
     check_target(target)
     try:
         with Waiting("FMU") as waiting:
-            lines = _made(arguments, scene, target, waiting)
+            lines = _made(given, scene, target, waiting)
     except ModuleNotFoundError as error:
         say(f"latin-fmu: {error.msg}; {_NEEDED}")
         return BAD_INPUT
@@ -148,22 +130,21 @@ def _fmu(arguments: argparse.Namespace) -> int:
     return CONVERGED
 
 
-def _of_folder(arguments: argparse.Namespace) -> int:
+def _of_folder(given: FmuOptions) -> int:
     """Make the FMU of every scene file in a folder and below, also after one that cannot be made."""
-    files = sorted(arguments.scene.rglob("*.toml"))
+    files = sorted(given.scene.rglob("*.toml"))
     if not files:
-        raise InputError([Problem(str(arguments.scene), "holds no scene file (*.toml)")])
-    target, worst = arguments.output or Path(), CONVERGED
+        raise InputError([Problem(str(given.scene), "holds no scene file (*.toml)")])
+    target, worst = given.output or Path(), CONVERGED
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError([Problem(str(target), f"no folder for FMUs: {error.strerror}")]) from None
     for file in files:
         # folders belong to the name: scene files of a collection are often all called scene.toml
-        name = "_".join([*file.relative_to(arguments.scene).parent.parts, file.stem]).removesuffix("_scene")
-        one = argparse.Namespace(**{**vars(arguments), "scene": file, "output": target / f"{name}.fmu"})
+        name = "_".join([*file.relative_to(given.scene).parent.parts, file.stem]).removesuffix("_scene")
         try:
-            code = _fmu(one)
+            code = fmu.function(replace(given, scene=file, output=target / f"{name}.fmu"))
         except LatinError as error:
             say(f"latin-fmu: {file}: {error}")
             code = BAD_INPUT
@@ -171,11 +152,11 @@ def _of_folder(arguments: argparse.Namespace) -> int:
     return worst
 
 
-def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Waiting) -> list[str]:
+def _made(given: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> list[str]:
     """Make the FMU; lines on its reference run and on the error of reduced bodies."""
     from importlib import import_module
 
-    names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
+    names = [name.strip() for name in given.inputs.split(",") if name.strip()]
     checks = import_module("fmu_build.checks")
     inputs = checks.with_inputs(scene, names)
     note = ""
@@ -183,24 +164,23 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
     acting = _acting(inputs.scene)
     if names == ["all"] and not inputs.laws:
         acting.append("warning: --inputs all gives no inputs: nothing that can be set from outside drives the scene")
-    if arguments.modes is not None and not arguments.model_exchange:
+    if given.modes is not None and not given.model_exchange:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
-        inputs, note, lines = _reduced(arguments, inputs, names)
-    elif not (arguments.python or arguments.model_exchange):
+        inputs, note, lines = _reduced(given, inputs, names)
+    elif not (given.python or given.model_exchange):
         waiting.reached(0.0, "FMU: size")
         if foreseen := _foreseen(inputs.scene):
             say(f"latin-fmu: {foreseen}")
     waiting.reached(0.0, "FMU")
     build = import_module("fmu_build.build")
-    if arguments.model_exchange:
-        sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
-        given = {name: size for name, size in sizes.items() if size is not None}
-        build.build_model_exchange(inputs.scene, target, **given)
+    if given.model_exchange:
+        sizes = {"n_mode": given.modes, "n_patch": given.patches}
+        build.build_model_exchange(inputs.scene, target, **{n: size for n, size in sizes.items() if size is not None})
         return acting
-    files = _files(arguments, inputs.scene, note)
-    if arguments.reference != "none":
+    files = _files(given, inputs.scene, note)
+    if given.reference != "none":
         begin = time.process_time()
-        whole = arguments.reference == "whole"
+        whole = given.reference == "whole"
         reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
         files |= reference.files
         took = (
@@ -217,6 +197,7 @@ def _acting(scene: Scene) -> list[str]:
     """What loads or moves a body in the FMU of a scene, in words."""
     from ..cosim.input_table import acting_of, given_of, settable_of
     from ..cosim.variable import input_variable
+    from ..scene.laws import InputLaw
 
     own, sources = acting_of(scene), given_of(scene)
     given = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
@@ -234,16 +215,16 @@ def _acting(scene: Scene) -> list[str]:
     return lines
 
 
-def _files(arguments: argparse.Namespace, scene: Scene, note: str) -> dict[str, bytes]:
+def _files(given: FmuOptions, scene: Scene, note: str) -> dict[str, bytes]:
     """Files of the FMU of a scene: one with Python, and a remark, where it cannot be compiled."""
     from importlib import import_module
 
-    build, fmi = import_module("fmu_build.build"), arguments.fmi or "2"
-    if not arguments.python:
+    build, fmi = import_module("fmu_build.build"), given.fmi or "2"
+    if not given.python:
         try:
-            return dict[str, bytes](build.compiled_files(scene, fmi, note, arguments.portable))
+            return dict[str, bytes](build.compiled_files(scene, fmi, note, given.portable))
         except NeedsPythonError as error:
-            if arguments.portable or arguments.modes is not None:
+            if given.portable or given.modes is not None:
                 raise
             why = "; ".join(map(str, error.problems))
             say(f"latin-fmu: this FMU needs a Python where it runs, as with --python: {why}")
@@ -264,7 +245,7 @@ def _foreseen(scene: Scene) -> str:
     )
 
 
-def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -> tuple[Any, str, list[str]]:
+def _reduced(given: FmuOptions, inputs: Any, names: Sequence[str]) -> tuple[Any, str, list[str]]:
     """The inputs of the scene with its bodies reduced to ``--modes``, a note on the error for its documentation, and
     the error in words."""
     from importlib import import_module
@@ -272,37 +253,61 @@ def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -
     from ..reader import load_scene
 
     checks = import_module("fmu_build.checks")
-    setting = checks.SETTING.format(arguments.modes)
-    reduced = checks.with_inputs(load_scene(arguments.scene, [*arguments.overrides, setting]), names)
+    setting = checks.SETTING.format(given.modes)
+    reduced = checks.with_inputs(load_scene(given.scene, [*given.overrides, setting]), names)
     errors = checks.reduction_errors(inputs, reduced)
     lines = [
         "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
     ]
     if errors:
-        lines = [f"{arguments.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
-    return reduced, checks.reduction_note(arguments.modes, errors), lines
+        lines = [f"{given.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
+    return reduced, checks.reduction_note(given.modes, errors), lines
 
 
-def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
-    if arguments.model_exchange and arguments.fmi == "2":
+def _contradictions(given: FmuOptions) -> Iterator[Problem]:
+    if given.model_exchange and given.fmi == "2":
         yield Problem("--fmi", "model exchange needs FMI 3", "2", "3", "leave --fmi out")
-    if arguments.model_exchange and arguments.reference == "whole":
+    if given.model_exchange and given.reference == "whole":
         yield Problem("--reference", "belongs to co-simulation", remedy="leave --model-exchange out")
     for name in ("python", "portable"):
-        if arguments.model_exchange and getattr(arguments, name):
+        if given.model_exchange and getattr(given, name):
             yield Problem(f"--{name}", "belongs to co-simulation", remedy="leave --model-exchange out")
-    if arguments.python and arguments.portable:
+    if given.python and given.portable:
         yield Problem("--portable", "is a kind of compiled FMU", remedy="leave --python out")
-    if arguments.python and arguments.modes is not None:
+    if given.python and given.modes is not None:
         remedy = "leave --python out, or set solver.propagator={type='reduced',modes=N}"
         yield Problem("--modes", "belongs to the compiled FMU", remedy=remedy)
-    if arguments.patches is not None and not arguments.model_exchange:
+    if given.patches is not None and not given.model_exchange:
         yield Problem("--patches", "belongs to the reduced model", remedy="add --model-exchange")
-    if not arguments.model_exchange and arguments.modes is not None and arguments.modes < 1:
-        yield Problem("--modes", "too few modes", str(arguments.modes), "1 or more")
+    if not given.model_exchange and given.modes is not None and given.modes < 1:
+        yield Problem("--modes", "too few modes", str(given.modes), "1 or more")
 
 
-def _simulate(arguments: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions:
+    """Options of ``simulate``."""
+
+    fmu: Annotated[Path, Argument("FMU for co-simulation, or for model exchange (by CVode)", "X.fmu")]
+    input: Annotated[Path | None, Option("inputs over time", "IN.csv")] = None
+    output: Annotated[Path, Option("outputs at every step", "OUT.csv", "-o", output_file)] = Path("out.csv")
+    step: Annotated[float | None, Option("communication step, s (default: that of the FMU)", "H")] = None
+    stop: Annotated[float | None, Option("end, s (default: that of the FMU)", "T")] = None
+    start: Annotated[tuple[str, ...], Option("start value of an input or parameter; repeatable", "NAME=VALUE")] = ()
+    max_cpu: Annotated[
+        float | None,
+        Option(
+            "CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code "
+            f"{LIMITED}): the rows until then are written",
+            "SECONDS",
+            read=seconds,
+        ),
+    ] = None
+    quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
+
+
+@command(_RUN_EXAMPLES)
+def simulate(given: SimulateOptions) -> int:
+    """Run an FMU with fmpy."""
     begin = time.process_time()
     try:
         from fmu_build.drive import opened
@@ -311,12 +316,12 @@ def _simulate(arguments: argparse.Namespace) -> int:
         return BAD_INPUT
     from ..results.writing import check_target
 
-    target = arguments.output
+    target = given.output
     check_target(target)
-    inputs = None if arguments.input is None else read_columns(arguments.input)
-    drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
+    inputs = None if given.input is None else read_columns(given.input)
+    drive = opened(given.fmu, dict(_pair(text) for text in given.start), inputs)
     # 0 and none: that of the FMU
-    step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
+    step, stop = given.step or drive.step_size, given.stop or drive.stop_time
     if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] >= 0.0):
         which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
         what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are held"
@@ -327,18 +332,18 @@ def _simulate(arguments: argparse.Namespace) -> int:
     def over() -> bool:
         nonlocal limited
         # from the start of the command, its imports included
-        limited |= arguments.max_cpu is not None and time.process_time() >= arguments.max_cpu + begin
+        limited |= given.max_cpu is not None and time.process_time() >= given.max_cpu + begin
         return limited
 
     try:
-        with Waiting("simulation", quiet=arguments.quiet) as waiting:
+        with Waiting("simulation", quiet=given.quiet) as waiting:
             for row in drive.run(step, stop, over):
                 rows.append(row)
                 waiting.reached(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
     finally:
         drive.close()
     write_csv(target, ["time", *drive.outputs], rows)
-    if not arguments.quiet:
+    if not given.quiet:
         for text in dict.fromkeys(drive.warnings):
             say(f"latin-fmu: warning of the FMU: {text}")
         print(f"{len(rows)} rows: {target}")
@@ -347,7 +352,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
         say(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}")
         return SOLVER_FAILED
     if limited and reached < stop:
-        what = f"stopped by its limit of {arguments.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
+        what = f"stopped by its limit of {given.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
         say(f"latin-fmu: {what}; the rows until then are written")
         return LIMITED
     return CONVERGED

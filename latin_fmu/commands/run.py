@@ -8,10 +8,10 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 from ..errors import InputError, Problem, SolverError
 from . import (
@@ -19,25 +19,22 @@ from . import (
     LIMITED,
     NOT_CONVERGED,
     REMARKED,
-    AddParser,
+    Json,
+    OfScene,
     Progress,
+    Signals,
     StopSignals,
+    Strict,
     Waiting,
-    add_json,
-    add_max_cpu,
-    add_scene,
-    add_strict,
     check_netcdf,
-    declare,
     ending_together,
     json_lines,
-    option,
     output_file,
-    read_scene,
     say,
+    seconds,
     started_together,
-    switch,
 )
+from .options import Option, command
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
@@ -60,49 +57,20 @@ _SEARCH: Final = 600.0  # CPU seconds of all runs of a search for an accuracy
 _UNITS: Final = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
 
 
-def register(add: AddParser) -> None:
-    """Declare the subcommand."""
-    parser = declare(add, "run", "solve a scene and write its results", _run, _EXAMPLES)
-    add_scene(parser)
-    text = "results file (default: <name of the scene>.nc in the current folder)"
-    option(parser, "-o --output", "OUT.nc", text, output_file)
-    add_strict(parser)
-    add_json(parser)
-    switch(parser, "-q --quiet", "no progress and no summary")
-    text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
-    switch(parser, "--details", text)
-    option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
-    text = (
-        "also draw forces, contact states, sensors, spectra and bolts (png, pdf or svg), as latin-fmu plot OUT.nc does"
-    )
-    option(parser, "--figure", "FIGURE", text, output_file)
-    text = (
-        "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
-        "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, XCPU, "
-        "USR1). The checkpoint of an earlier run is kept under a number"
-    )
-    option(parser, "--checkpoint", "N", text, interval)
-    switch(parser, "--resume", "continue from the checkpoint, where there is one, to the same bits")
-    switch(parser, "--no-estimate", "no estimate of the error (accuracy.estimate = false)")
-    text = (
-        "target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
-        "accuracy.quantity, impulse by default)"
-    )
-    option(parser, "--accuracy", "1%", text)
-    text = (
-        f"CPU seconds that the run may take, with its derivatives, their checks and its error estimate; one that "
-        f"reaches them stops (exit code {LIMITED}): results so far are written and marked, and a checkpoint to go on "
-        "from; of what follows a whole run, the rest is left out with a warning. Default: no limit. With "
-        f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always finished"
-    )
-    add_max_cpu(parser, text)
+class Interval(NamedTuple):
+    """Between two checkpoints: a number of instants, or seconds."""
+
+    instants: int | None = None
+    seconds: float | None = None
 
 
-def interval(text: str) -> tuple[int | None, float | None]:
+def interval(text: str) -> Interval:
     """Instants, or seconds, between two checkpoints.
 
-    >>> interval("500"), interval("1.5min")
-    ((500, None), (None, 90.0))
+    >>> interval("500")
+    Interval(instants=500, seconds=None)
+    >>> interval("1.5min").seconds
+    90.0
 
     Raises
     ------
@@ -111,91 +79,151 @@ def interval(text: str) -> tuple[int | None, float | None]:
     match = re.fullmatch(r"(\d+|\d*\.\d+) ?(|s|min|h)", text.strip())
     if match is None or float(match[1]) <= 0.0 or (not match[2] and "." in match[1]):
         raise argparse.ArgumentTypeError(f"{text!r} is no number of instants and no time; for example 500, 90s, 10min")
-    return (None, float(match[1]) * _UNITS[match[2]]) if match[2] else (int(match[1]), None)
+    return Interval(seconds=float(match[1]) * _UNITS[match[2]]) if match[2] else Interval(int(match[1]))
 
 
-def _run(arguments: argparse.Namespace) -> int:
-    if arguments.output is not None:
-        check_netcdf(arguments.output)
+@dataclass(frozen=True, kw_only=True)
+class SolveOptions(OfScene):
+    """Options of ``run``."""
+
+    output: Annotated[
+        Path | None,
+        Option("results file (default: <name of the scene>.nc in the current folder)", "OUT.nc", "-o", output_file),
+    ] = None
+    strict: Strict = False
+    json: Json = False
+    quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
+    details: Annotated[
+        bool, Option("also print iterations, energies, tables of interfaces and sensors, and all estimated errors")
+    ] = False
+    vtk: Annotated[Path | None, Option("also write files for ParaView to this folder", "FOLDER")] = None
+    figure: Annotated[
+        Path | None,
+        Option(
+            "also draw forces, contact states, sensors, spectra and bolts (png, pdf or svg), as latin-fmu plot OUT.nc "
+            "does",
+            "FIGURE",
+            read=output_file,
+        ),
+    ] = None
+    checkpoint: Annotated[
+        Interval | None,
+        Option(
+            "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
+            "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, "
+            "XCPU, USR1). The checkpoint of an earlier run is kept under a number",
+            "N",
+            read=interval,
+        ),
+    ] = None
+    resume: Annotated[bool, Option("continue from the checkpoint, where there is one, to the same bits")] = False
+    estimate: Annotated[bool, Option("no estimate of the error (accuracy.estimate = false)")] = True
+    accuracy: Annotated[
+        str | None,
+        Option(
+            "target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
+            "accuracy.quantity, impulse by default)",
+            "1%",
+        ),
+    ] = None
+    max_cpu: Annotated[
+        float | None,
+        Option(
+            f"CPU seconds that the run may take, with its derivatives, their checks and its error estimate; one that "
+            f"reaches them stops (exit code {LIMITED}): results so far are written and marked, and a checkpoint to go "
+            "on from; of what follows a whole run, the rest is left out with a warning. Default: no limit. With "
+            f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always "
+            "finished",
+            "SECONDS",
+            read=seconds,
+        ),
+    ] = None
+
+
+@command(_EXAMPLES)
+def run(given: SolveOptions, signals: Signals) -> int:
+    """Solve a scene and write its results."""
+    if given.output is not None:
+        check_netcdf(given.output)
     processes = started_together()
     if processes is None:
-        return _run_alone(arguments)
-    with ending_together(processes, arguments.signals):
-        return _distributed(arguments, processes)
+        return _run_alone(given, signals)
+    with ending_together(processes, signals):
+        return _distributed(given, signals, processes)
 
 
-def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
+def _distributed(given: SolveOptions, signals: StopSignals, processes: Processes) -> int:
     """The same on several processes: process 0 shows how far the run is, and writes the results."""
     first = processes.rank == 0
-    arguments.quiet |= not first
+    given = replace(given, quiet=given.quiet or not first)
     with processes.agreed():
-        scene = read_scene(arguments)
-        refused = {"--checkpoint": arguments.checkpoint, "--resume": arguments.resume or None}
-        refused["--accuracy"] = _target(scene, arguments)
-        if given := [name for name, value in refused.items() if value is not None]:
-            problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
+        scene = given.read_scene()
+        refused: dict[str, object] = {"--checkpoint": given.checkpoint, "--resume": given.resume or None}
+        refused["--accuracy"] = _target(scene, given)
+        if wanted := [name for name, value in refused.items() if value is not None]:
+            problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in wanted]
             raise InputError(problems, "the run cannot be distributed over processes")
-        target = _checked_outputs(scene, arguments) if first else Path()
+        target = _checked_outputs(scene, given) if first else Path()
     # all processes take part in the estimate
-    solution = _estimated(scene, _solve(scene, arguments, processes=processes), arguments, processes)
+    solution = _estimated(scene, _solve(scene, given, signals, processes=processes), given, processes)
     with processes.agreed():
         if first:
             written: list[str] = []
-            lost = _write(solution, target, arguments, written)
-            _show(solution, arguments, written, None, lost)
-    return _code(solution, solution.trustworthy, arguments)
+            lost = _write(solution, target, given, written)
+            _show(solution, given, written, None, lost)
+    return _code(solution, solution.trustworthy, given)
 
 
-def _checked_outputs(scene: Scene, arguments: argparse.Namespace) -> Path:
+def _checked_outputs(scene: Scene, given: SolveOptions) -> Path:
     """The results file, after a note on inputs; made sure before the long part that all outputs can be written."""
     from ..results.writing import check_target
 
-    _note_inputs(scene, arguments.quiet)
-    target = arguments.output or Path(f"{scene.name}.nc")
+    _note_inputs(scene, given.quiet)
+    target = given.output or Path(f"{scene.name}.nc")
     check_target(target)
-    if arguments.vtk is not None:
+    if given.vtk is not None:
         from ..results.vtk import check_export_folder
 
-        check_export_folder(arguments.vtk)
-    if arguments.figure is not None:
+        check_export_folder(given.vtk)
+    if given.figure is not None:
         from ..pictures.style import check_figure_path
 
-        check_figure_path(arguments.figure)
-        check_target(arguments.figure)
+        check_figure_path(given.figure)
+        check_target(given.figure)
     return target
 
 
-def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
+def _code(solution: Solution, good: bool, given: SolveOptions) -> int:
     """Exit code of a run that has been written."""
     if solution.interrupted:
         return LIMITED
-    return NOT_CONVERGED if not good else REMARKED if arguments.strict and solution.warnings else CONVERGED
+    return NOT_CONVERGED if not good else REMARKED if given.strict and solution.warnings else CONVERGED
 
 
-def _run_alone(arguments: argparse.Namespace) -> int:
-    with arguments.signals.deferred(), _lean_imports():
+def _run_alone(given: SolveOptions, signals: StopSignals) -> int:
+    with signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.writing import remove_dead_drafts
 
-        scene = read_scene(arguments)
-    target = _checked_outputs(scene, arguments)
+        scene = given.read_scene()
+    target = _checked_outputs(scene, given)
     remove_dead_drafts(target.parent)
-    wanted = _target(scene, arguments)
+    wanted = _target(scene, given)
     # before the search: it refuses options that contradict each other
-    checkpoint = _checkpoint(Path(f"{target}.checkpoint"), arguments, wanted is not None)
-    choice = None if wanted is None else _chosen(scene, wanted, arguments)
+    checkpoint = _checkpoint(Path(f"{target}.checkpoint"), given, signals, wanted is not None)
+    choice = None if wanted is None else _chosen(scene, wanted, given)
     if choice is None:
-        solution = _solve(scene, arguments, checkpoint=checkpoint, stream=_folder(checkpoint.path))
-        solution = _estimated(scene, solution, arguments, stream=_folder(target))
+        solution = _solve(scene, given, signals, checkpoint=checkpoint, stream=_folder(checkpoint.path))
+        solution = _estimated(scene, solution, given, stream=_folder(target))
     elif choice.solution is None:
         raise SolverError(choice.sentence)
     else:
         solution = choice.solution
     written = [] if choice is None else [choice.sentence]
     # a signal does not interrupt the writing: it ends the process with its code below
-    arguments.signals.noted = True
-    with Waiting("writing the results", quiet=arguments.quiet):
-        lost = _write(solution, target, arguments, written)
+    signals.noted = True
+    with Waiting("writing the results", quiet=given.quiet):
+        lost = _write(solution, target, given, written)
     # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
@@ -203,11 +231,11 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         checkpoint.remove()
     elif checkpoint.found:
         written.append(f"checkpoint: {checkpoint.path} (continue with --resume)")
-    _show(solution, arguments, written, choice, lost)
-    if arguments.signals.received:
-        return int(arguments.signals.exit_code)
+    _show(solution, given, written, choice, lost)
+    if signals.received:
+        return int(signals.exit_code)
     good = solution.trustworthy and (choice is None or choice.reached)
-    return _code(solution, good, arguments)
+    return _code(solution, good, given)
 
 
 def _folder(path: Path) -> Path:
@@ -225,12 +253,12 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
         say(f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}")
 
 
-def _write(solution: Solution, target: Path, arguments: argparse.Namespace, written: list[str]) -> list[Problem]:
+def _write(solution: Solution, target: Path, given: SolveOptions, written: list[str]) -> list[Problem]:
     """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
     from ..results.writing import UnwrittenError
 
     lost: list[Problem] = []
-    vtk, figure = arguments.vtk, arguments.figure
+    vtk, figure = given.vtk, given.figure
     try:
         solution.save(target)
         written.append(f"results: {target}")
@@ -280,9 +308,9 @@ def _lean_imports() -> Iterator[None]:
                 delattr(numpy, name)
 
 
-def _target(scene: Scene, arguments: argparse.Namespace) -> float | None:
+def _target(scene: Scene, given: SolveOptions) -> float | None:
     """The accuracy wanted, by the option or by the scene."""
-    text = arguments.accuracy
+    text = given.accuracy
     if text is None:
         return scene.accuracy.target
     try:
@@ -295,21 +323,20 @@ def _target(scene: Scene, arguments: argparse.Namespace) -> float | None:
     return value
 
 
-def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choice:
+def _chosen(scene: Scene, wanted: float, given: SolveOptions) -> Choice:
     """The search for the settings; what it does goes to stderr."""
     from ..accuracy.adaptive_resolution import choose
 
-    log = (lambda _: None) if arguments.quiet else say
-    return choose(scene, wanted, arguments.max_cpu or _SEARCH, log)
+    log = (lambda _: None) if given.quiet else say
+    return choose(scene, wanted, given.max_cpu or _SEARCH, log)
 
 
-def _checkpoint(path: Path, arguments: argparse.Namespace, searched: bool) -> Checkpoint:
+def _checkpoint(path: Path, given: SolveOptions, signals: StopSignals, searched: bool) -> Checkpoint:
     """The checkpoint of the run; ``searched``: the settings are, by many runs, of which none can be continued."""
     from ..results.checkpoint import Checkpoint
 
-    signals: StopSignals = arguments.signals
-    every, seconds = arguments.checkpoint or (None, None)
-    if searched and (arguments.checkpoint is not None or arguments.resume):
+    every = given.checkpoint or Interval()
+    if searched and (given.checkpoint is not None or given.resume):
         what, remedy = "the search for an accuracy has no checkpoints", "run with the settings that it chose"
         raise InputError([Problem("--checkpoint", what, remedy=remedy)], "the options contradict each other")
 
@@ -320,36 +347,36 @@ def _checkpoint(path: Path, arguments: argparse.Namespace, searched: bool) -> Ch
             super().begin(run, digest)
             signals.noted = True
 
-    return Interruptible(path, every, seconds, arguments.resume, lambda: signals.received != 0, say)
+    return Interruptible(path, *every, given.resume, lambda: signals.received != 0, say)
 
 
-def _solve(scene: Scene, arguments: argparse.Namespace, **options: Any) -> Solution:
+def _solve(scene: Scene, given: SolveOptions, signals: StopSignals, **options: Any) -> Solution:
     """The solution of the scene, with its progress on stderr; options as for ``api.solve``."""
     from .. import api
 
     try:
-        with Progress(scene.solver.tolerance, arguments.quiet) as progress:
-            return api.solve(scene, progress=progress, max_cpu=arguments.max_cpu, **options)
+        with Progress(scene.solver.tolerance, given.quiet) as progress:
+            return api.solve(scene, progress=progress, max_cpu=given.max_cpu, **options)
     finally:
         # the run is over: what follows may be interrupted
-        arguments.signals.noted = False
+        signals.noted = False
 
 
 def _estimated(
     scene: Scene,
     solution: Solution,
-    arguments: argparse.Namespace,
+    given: SolveOptions,
     processes: Processes | None = None,
     stream: Path | None = None,
 ) -> Solution:
     """The solution with its estimated error, where that is requested and can be estimated."""
-    if arguments.no_estimate or not scene.accuracy.estimate or not solution.trustworthy:
+    if not given.estimate or not scene.accuracy.estimate or not solution.trustworthy:
         return solution
     from ..accuracy.estimate import estimate_error
 
-    left = _left(solution, arguments)
+    left = _left(solution, given)
     try:
-        with Waiting("error estimate", quiet=arguments.quiet) as waiting:
+        with Waiting("error estimate", quiet=given.quiet) as waiting:
             estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, left)
     except KeyboardInterrupt:
         # all processes must end together: the others wait in an exchange
@@ -359,13 +386,13 @@ def _estimated(
     return replace(solution, estimate=estimate)
 
 
-def _left(solution: Solution, arguments: argparse.Namespace) -> float | None:
+def _left(solution: Solution, given: SolveOptions) -> float | None:
     """CPU seconds that a run has left of its limit for the estimate; None without a limit."""
-    return None if arguments.max_cpu is None else max(arguments.max_cpu - solution.timings.total, 0.0)
+    return None if given.max_cpu is None else max(given.max_cpu - solution.timings.total, 0.0)
 
 
 def _show(
-    solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None, lost: list[Problem]
+    solution: Solution, given: SolveOptions, written: list[str], choice: Choice | None, lost: list[Problem]
 ) -> None:
     """The report or the summary on stdout; with ``--json`` the status goes to stderr for people.
 
@@ -373,15 +400,15 @@ def _show(
     ------
     UnwrittenError : outputs are ``lost``; after the numbers, which a full disk must not cost as well.
     """
-    if arguments.json:
+    if given.json:
         print(json_lines(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
-    elif not arguments.quiet:
-        print("\n".join([solution.summary(arguments.details), "", *written]))
-    if not arguments.quiet and arguments.json:
+    elif not given.quiet:
+        print("\n".join([solution.summary(given.details), "", *written]))
+    if not given.quiet and given.json:
         say("\n".join([solution.status, *written]))
-    elif arguments.quiet and not solution.trustworthy:
+    elif given.quiet and not solution.trustworthy:
         say(solution.status)
-    elif arguments.quiet and choice is not None and not choice.reached:
+    elif given.quiet and choice is not None and not choice.reached:
         say(choice.sentence)
     if lost:
         from ..results.writing import UnwrittenError

@@ -6,33 +6,30 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError, Problem
 from . import (
     CONVERGED,
     LIMITED,
     NOT_CONVERGED,
-    AddParser,
+    Json,
+    OfScene,
+    Quiet,
+    Signals,
     Waiting,
-    add_json,
-    add_max_cpu,
-    add_scene,
-    add_settings,
-    declare,
     json_lines,
-    option,
     output_file,
-    read_scene,
     say,
-    switch,
+    seconds,
     tell,
     tell_written,
 )
+from .options import Argument, Option, command, handed
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
@@ -91,109 +88,116 @@ exit codes: 0 converged, 1 not within --max-runs (the best run is written), 2 ba
 """
 _BUDGET = 120.0
 _QUICK = 20.0
-_RUNS = 20
 
 
-def register(add: AddParser) -> None:
-    """Declare the four subcommands."""
-    _register_cost(add)
-    _register_stress(add)
-    _register_sweep(add)
-    _register_calibrate(add)
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(OfScene):
+    """Options of ``sweep``."""
+
+    vary: Annotated[
+        tuple[str, ...],
+        Option("a key and its values, from:to:count or value,value,...; may be repeated", "a.b.c=VALUES"),
+    ] = ()
+    samples: Annotated[
+        int | None,
+        Option(
+            "in the place of --vary: number of samples (8 or more) of the table [spread]; bands beside those to first "
+            "order",
+            "N",
+        ),
+    ] = None
+    seed: Annotated[int | None, Option("with --samples: number of their sequence", "N")] = None
+    output: Annotated[
+        Path | None,
+        Option(
+            "file of the study (default: <name of the scene file>_study.nc in the current folder)", "STUDY.nc", "-o"
+        ),
+    ] = None
+    jobs: Annotated[int | None, Option("processes, one thread each (default: as many as there are cores)", "N")] = None
+    scheduler: Annotated[
+        str | None, Option("solve on the workers of this dask scheduler (needs latin-fmu[cluster])", "ADDRESS")
+    ] = None
+    max_cpu: Annotated[
+        float | None,
+        Option("CPU seconds that a point may take; one that reaches them has not converged", "SECONDS", read=seconds),
+    ] = None
+    histories: Annotated[bool, Option()] = False
+    guesses: Annotated[
+        bool, Option("no first guesses from neighbouring points (windows of several instants)", flags="--cold")
+    ] = True
+    json: Json = False
+    quiet: Quiet = False
 
 
-def _register_cost(add: AddParser) -> None:
-    text = "measure the cost of accuracy: work-precision study of a scene"
-    parser = declare(add, "cost", text, _cost, _COST_EXAMPLES)
-    parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
-    add_settings(parser, "change one setting of every scene; may be repeated")
-    text = "write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several"
-    option(parser, "-o --output", "FOLDER", text, Path)
-    text = f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)"
-    option(parser, "--budget", "SECONDS", text, float)
-    switch(parser, "--quick", "a small budget")
-    add_json(parser)
-    switch(parser, "-q --quiet", "no progress")
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions(OfScene):
+    """Options of ``calibrate``."""
+
+    data: Annotated[tuple[Path, ...], Argument("measured data; several may be given", "DATA.csv")]
+    fit: Annotated[tuple[str, ...], Option("a number of the scene to fit; may be repeated", "NAME[=START][:LOW:HIGH]")]
+    max_runs: Annotated[int | None, Option(metavar="N")] = None
+    estimate: Annotated[
+        bool, Option("no estimate of the error of the last run, which is otherwise a floor of the standard deviation")
+    ] = True
+    secants: Annotated[bool, Option()] = False
+    mode: Annotated[int | None, Option(metavar="N")] = None
+    increments: Annotated[int | None, Option(metavar="N")] = None
+    quiet: Quiet = False
+    json: Json = False
+    output: Annotated[
+        Path | None,
+        Option(
+            "the scene with the fitted values (default: SCENE_calibrated.toml beside SCENE); the figure is OUT.png",
+            "OUT.toml",
+            "-o",
+            output_file,
+        ),
+    ] = None
 
 
-def _register_stress(add: AddParser) -> None:
-    text = "run the hard cases (contrasts, friction, grazing, long runs ...) and report what was measured"
-    parser = declare(add, "stress", text, _stress, _STRESS_EXAMPLES)
-    switch(parser, "--quick", "the cases that take less than a minute together")
-    text = "CPU seconds that the cases may take together; those left out then are counted (exit code"
-    add_max_cpu(parser, f"{text} {LIMITED}), the rows of the others are reported")
-    add_json(parser)
-    text = "write the report (Markdown) here, and its figure beside it as png"
-    option(parser, "-o --output", "REPORT.md", text, output_file)
-
-
-def _register_sweep(add: AddParser) -> None:
-    text = "solve a scene for all combinations of parameters, over processes or a dask cluster"
-    parser = declare(add, "sweep", text, _sweep, _SWEEP_EXAMPLES)
-    add_scene(parser)
-    text = "a key and its values, from:to:count or value,value,...; may be repeated"
-    option(parser, "--vary", "a.b.c=VALUES", text, action="append")
-    text = (
-        "in the place of --vary: number of samples (8 or more) of the table [spread]; bands beside those to first order"
-    )
-    option(parser, "--samples", "N", text, int)
-    option(parser, "--seed", "N", "with --samples: number of their sequence (default: 0)", int)
-    text = "file of the study (default: <name of the scene file>_study.nc in the current folder)"
-    option(parser, "-o --output", "STUDY.nc", text, Path)
-    option(parser, "--jobs", "N", "processes, one thread each (default: as many as there are cores)", int)
-    option(parser, "--scheduler", "ADDRESS", "solve on the workers of this dask scheduler (needs latin-fmu[cluster])")
-    add_max_cpu(parser, "CPU seconds that a point may take; one that reaches them has not converged")
-    switch(parser, "--histories", "keep the forces of the interfaces over time")
-    switch(parser, "--cold", "no first guesses from neighbouring points (windows of several instants)")
-    add_json(parser)
-    switch(parser, "-q --quiet", "no progress")
-
-
-def _register_calibrate(add: AddParser) -> None:
-    text = (
-        "fit parameters of a scene to measured data, with intervals and the combinations that the data do not determine"
-    )
-    parser = declare(add, "calibrate", text, _calibrate, _CALIBRATE_EXAMPLES)
-    add_scene(parser)
-    parser.add_argument("data", metavar="DATA.csv", type=Path, nargs="+", help="measured data; several may be given")
-    text = "a number of the scene to fit; may be repeated"
-    option(parser, "--fit", "NAME[=START][:LOW:HIGH]", text, action="append", required=True)
-    option(parser, "--max-runs", "N", f"runs of the scene, at most (default: {_RUNS})", int, default=_RUNS)
-    switch(
-        parser,
-        "--no-estimate",
-        "no estimate of the error of the last run, which is otherwise a floor of the standard deviation",
-    )
-    switch(parser, "--secants", "differences of runs in the place of derivatives")
-    option(parser, "--mode", "N", "elastic mode of a backbone, from 1 (default: 1)", int, default=1)
-    option(parser, "--increments", "N", "increments of load up to an amplitude of it (default: 2)", int, default=2)
-    switch(parser, "-q --quiet", "no progress")
-    add_json(parser)
-    text = "the scene with the fitted values (default: SCENE_calibrated.toml beside SCENE); the figure is OUT.png"
-    option(parser, "-o --output", "OUT.toml", text, output_file)
-
-
-def _cost(arguments: argparse.Namespace) -> int:
+@command(_COST_EXAMPLES)
+def cost(
+    scenes: Annotated[tuple[Path, ...], Argument("scene file (TOML)", "SCENE")],
+    overrides: Annotated[
+        tuple[str, ...], Option("change one setting of every scene; may be repeated", "a.b.c=value", "--set")
+    ] = (),
+    output: Annotated[
+        Path | None,
+        Option("write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several", "FOLDER", "-o"),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        Option(
+            f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)",
+            "SECONDS",
+        ),
+    ] = None,
+    quick: Annotated[bool, Option("a small budget")] = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Measure the cost of accuracy: work-precision study of a scene."""
     from ..accuracy.study import as_text, study
     from ..accuracy.study_files import as_data
     from ..reader import load_scene
 
-    scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
-    budget = (_QUICK if arguments.quick else _BUDGET) if arguments.budget is None else arguments.budget
+    loaded = [load_scene(path, overrides) for path in scenes]  # all before the long part
+    if budget is None:
+        budget = _QUICK if quick else _BUDGET
     if not 0.0 < budget < 1e6:
         raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
-    if arguments.output is not None:
-        _check_studies(scenes, arguments.output)
+    if output is not None:
+        _check_studies(loaded, output)
     studies = []
-    for scene in scenes:
+    for scene in loaded:
         # the budget is one of CPU time, so is what is left
-        with Waiting(f"study of {scene.name}", budget, arguments.quiet, clock=time.process_time) as waiting:
+        with Waiting(f"study of {scene.name}", budget, quiet, clock=time.process_time) as waiting:
             studies.append(study(scene, budget, waiting.log))
-        if not arguments.json:
+        if not json:
             print(as_text(studies[-1]), flush=True)
-    if arguments.output is not None:
-        _write_studies(studies, arguments.output)
-    if arguments.json:
+    if output is not None:
+        _write_studies(studies, output)
+    if json:
         print("[\n" + ",\n".join(json_lines(as_data(item)) for item in studies) + "\n]")
     return CONVERGED
 
@@ -229,16 +233,34 @@ def _write_studies(studies: list[Study], folder: Path) -> None:
         save_figure(comparison_figure(studies), folder / "work_precision.png")
 
 
-def _stress(arguments: argparse.Namespace) -> int:
+@command(_STRESS_EXAMPLES)
+def stress(
+    quick: Annotated[bool, Option("the cases that take less than a minute together")] = False,
+    max_cpu: Annotated[
+        float | None,
+        Option(
+            "CPU seconds that the cases may take together; those left out then are counted (exit code "
+            f"{LIMITED}), the rows of the others are reported",
+            "SECONDS",
+            read=seconds,
+        ),
+    ] = None,
+    json: Json = False,
+    output: Annotated[
+        Path | None,
+        Option("write the report (Markdown) here, and its figure beside it as png", "REPORT.md", "-o", output_file),
+    ] = None,
+) -> int:
+    """Run the hard cases (contrasts, friction, grazing, long runs ...) and report what was measured."""
     from ..results.writing import check_target
     from ..stability import cases, run_suite
     from ..stability.report import as_json, verdict
 
-    if arguments.output is not None:
-        check_target(arguments.output)  # before the long part
-        check_target(arguments.output.with_suffix(".png"))
-        check_target(arguments.output.with_suffix(".json"))
-    every = list(cases(arguments.quick))
+    if output is not None:
+        check_target(output)  # before the long part
+        check_target(output.with_suffix(".png"))
+        check_target(output.with_suffix(".json"))
+    every = list(cases(quick))
     done: list[CaseResult] = []
     with Waiting("hard cases") as waiting:
 
@@ -247,97 +269,87 @@ def _stress(arguments: argparse.Namespace) -> int:
             waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
             waiting.reached(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
 
-        rows = run_suite(every, report, arguments.max_cpu)
+        rows = run_suite(every, report, max_cpu)
     left_out = len(every) - len(rows)
-    if arguments.output is not None:
-        _write_rows(rows, arguments.output, arguments.quick, left_out)
-    print(as_json(rows) if arguments.json else verdict(rows, left_out))
+    if output is not None:
+        _write_rows(rows, output, quick, left_out)
+    print(as_json(rows) if json else verdict(rows, left_out))
     if left_out:
-        if arguments.json:
+        if json:
             say(verdict(rows, left_out))
         return LIMITED
     return CONVERGED if all(row.passed or row.known for row in rows) else NOT_CONVERGED
 
 
-def _sweep(arguments: argparse.Namespace) -> int:
-    with arguments.signals.deferred():
+@command(_SWEEP_EXAMPLES, feeds=("sweep", "sample"))
+def sweep(given: SweepOptions, signals: Signals) -> int:
+    """Solve a scene for all combinations of parameters, over processes or a dask cluster."""
+    with signals.deferred():
         from ..machine import usable_cores
         from ..parametric.point import STATES
         from ..parametric.samples import sample
         from ..parametric.study import sweep
         from ..results.groups import StoredGroup, units_of
-    if bool(arguments.vary) == (arguments.samples is not None):
+    if bool(given.vary) == (given.samples is not None):
         what, remedy = "either values or samples", "give --vary, or --samples with a table [spread]"
         raise InputError.of("the study cannot be made", "--vary, --samples", what, remedy=remedy)
-    output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
-    # workers of a cluster have their own cores
-    default = usable_cores() if arguments.scheduler is None else 1
-    common: dict[str, Any] = {
-        "settings": arguments.overrides,
-        "jobs": default if arguments.jobs is None else arguments.jobs,
-        "scheduler": arguments.scheduler,
-        "log": None if arguments.quiet else say,
-        "max_cpu": arguments.max_cpu,
-    }
+    output = given.output or Path(f"{given.scene.stem}_study.nc")
+    jobs = given.jobs
+    if jobs is None:
+        # workers of a cluster have their own cores
+        jobs = usable_cores() if given.scheduler is None else 1
+    own: dict[str, Any] = {"settings": given.overrides, "jobs": jobs, "log": None if given.quiet else say}
+    own["output"] = output
     lines = list[str]()
     try:
-        if arguments.samples is None:
-            options = {"histories": arguments.histories, "guesses": not arguments.cold}
-            study = sweep(arguments.scene, arguments.vary, output, **options, **common)
+        if given.samples is None:
+            study = sweep(given.scene, given.vary, **handed(given, sweep) | own)
         else:
-            seed = 0 if arguments.seed is None else arguments.seed
-            compared, tree = sample(arguments.scene, arguments.samples, output, seed=seed, **common)
+            compared, tree = sample(given.scene, given.samples, **handed(given, sample) | own)
             study, lines = tree.to_dataset(), compared.lines(units_of(tree.attrs))
     except KeyboardInterrupt:
         say(f"the points done so far are in {output}.points: the same command continues")
         raise
     states = study["state"].values
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
-    if arguments.json:
+    if given.json:
         report = StoredGroup.of_dataset(study).report()
-        print(json_lines(report if arguments.samples is None else report | {"bands": compared.report()}))
+        print(json_lines(report if given.samples is None else report | {"bands": compared.report()}))
     elif lines:
         print("\n".join(lines))
     written = f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})"
-    if not arguments.quiet:
-        tell_written(arguments, written)
+    if not given.quiet:
+        tell_written(given.json, written)
     elif states.any():
         say(written)
     return CONVERGED if not states.any() else NOT_CONVERGED
 
 
-def _calibrate(arguments: argparse.Namespace) -> int:
+@command(_CALIBRATE_EXAMPLES, feeds=("calibrate",))
+def calibrate(given: CalibrateOptions) -> int:
+    """Fit parameters of a scene to measured data, with intervals and the combinations that the data do not
+    determine."""
     from ..calibration.figure import calibration_figure
     from ..calibration.study import calibrate
     from ..pictures.style import save_figure
     from ..reader import scene_from_dict
     from ..results.writing import check_target, write_bytes
 
-    scene = read_scene(arguments)
-    target = arguments.output or arguments.scene.with_name(f"{arguments.scene.stem}_calibrated.toml")
+    scene = given.read_scene()
+    target = given.output or given.scene.with_name(f"{given.scene.stem}_calibrated.toml")
     picture = target.with_suffix(".png")
     for path in (target, picture):
         check_target(path)
     if target.parent.resolve() != scene.base_dir.resolve():
         scene_from_dict(scene.tables(), target.parent)  # files that it names must be found from there, too
-    with Waiting("runs", quiet=arguments.quiet) as waiting:
-        made = calibrate(
-            scene,
-            arguments.data,
-            arguments.fit,
-            max_runs=arguments.max_runs,
-            estimate=not arguments.no_estimate,
-            secants=arguments.secants,
-            mode=arguments.mode,
-            increments=arguments.increments,
-            log=waiting.log,
-        )
-    tell(arguments, made.lines(), made.report)
+    with Waiting("runs", quiet=given.quiet) as waiting:
+        made = calibrate(scene, given.data, given.fit, **handed(given, calibrate), log=waiting.log)
+    tell(given.json, made.lines(), made.report)
     # comments stay where the file has all the numbers
-    source = None if arguments.overrides else arguments.scene.read_text(encoding="utf-8-sig")
+    source = None if given.overrides else given.scene.read_text(encoding="utf-8-sig")
     write_bytes(target, made.text(source).encode())
     save_figure(calibration_figure(made), picture)
-    tell_written(arguments, f"calibrated scene: {target}, figure: {picture}")
+    tell_written(given.json, f"calibrated scene: {target}, figure: {picture}")
     return CONVERGED if made.converged else NOT_CONVERGED
 
 

@@ -97,11 +97,13 @@ def frf(
     drives : what excites it: "base.x", "base.y", "base.z" (of the base, if a sensor has that name, too); "SENSOR.x",
         ... a unit force there; the name of a load, scaled to a resultant of 1. None given: the base along every axis
         along which something is held.
-    frequencies : (n,), Hz, > 0; None: ``points`` by equal factors from ``lowest`` to ``highest``, and more at the
-        natural frequencies between. sensors : where the motion is taken; all where none is given.
+    frequencies : (n,), Hz, > 0; None: ``points`` of them, and more at the natural frequencies between. sensors : where
+        the motion is taken; all where none is given.
     damping : ratio to critical of all modes, or of one after the other, the last one of the rest; None: the damping of
-        the scene. kind : of responses to forces: displacement, velocity or acceleration. joints : as for
-        ``vibration_modes``. lowest, highest : Hz; default: a tenth of the first natural frequency, the tenth one.
+        the scene. kind : of responses to forces: displacement, velocity or acceleration. joints : of interfaces that
+        may open.
+    lowest : first frequency, Hz; None: a tenth of the first natural one. highest : last frequency, Hz; None: that of
+        the tenth mode. points : number of frequencies, by equal factors; more at peaks.
 
     Returns
     -------
