@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from .arithmetic import computable
 from .assembly.models import KeptOperators
 from .assembly.supports import port_lines
 from .attempts import standing_run
 from .building import discretise
 from .checks.mesh_checks import body_lines
 from .effects.cost import Prediction, check_memory, memory_line, memory_need
-from .errors import computable
 from .interface import Behaviour
 from .latin.assembly import InterfaceUnit
 from .latin.processes import Processes

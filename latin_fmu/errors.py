@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
-
-import numpy as np
 
 
 @dataclass(frozen=True)
@@ -135,28 +132,3 @@ def shown(value: object) -> str:
         return short.repr(list(value) if isinstance(value, tuple) else value)
     except (ValueError, RecursionError):  # an int with more digits than Python prints, endless nesting
         return f"a {type(value).__name__} too long to show"
-
-
-@contextmanager
-def computable() -> Iterator[None]:
-    """Context, or decorator: arithmetic that fails inside is a SolverError.
-
-    Products of absurd numbers overflow or vanish in ways that no check of a single number foresees.
-    """
-    try:
-        # absurd numbers overflow, which ends in an error or a status; other threads keep their settings
-        with np.errstate(all="ignore"):
-            yield
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise SolverError(
-            f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "
-            "check the units of materials, sizes, times and loads"
-        ) from error
-    except RuntimeError as error:  # how SuperLU reports a singular matrix
-        if "singular" not in str(error):
-            raise
-        raise SolverError(
-            "a matrix of the scene is singular: with generalized_alpha nodes of faces that may open have no mass, "
-            "and a body of one layer of elements between such a face and a driven or held one has no other "
-            'free node; take two layers of elements or more, or time.scheme = "hht"'
-        ) from error

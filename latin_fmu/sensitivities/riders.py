@@ -11,8 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
+from ..arithmetic import computable
 from ..assembly.models import KeptOperators
-from ..errors import InputError, LatinError, SolverError, computable
+from ..errors import InputError, LatinError, SolverError
 from ..latin.outcome import Outcome
 from ..machine import one_thread
 from ..march import MarchedRun, ProgressSink, RunClock
