@@ -15,11 +15,12 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 import latin_fmu
+from latin_fmu.arithmetic import computable
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
 from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.variable import Variable
-from latin_fmu.errors import InputError, NeedsPythonError, Problem, computable
+from latin_fmu.errors import InputError, NeedsPythonError, Problem
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.mesh_files.formats import suffix_of
 from latin_fmu.mesh_files.reading import included_files

@@ -16,8 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from ..arithmetic import computable
 from ..assembly.interfaces import completed
-from ..errors import InputError, Problem, computable
+from ..errors import InputError, Problem
 from ..latin.outcome import Array, InterfaceHistory
 from ..machine import provenance
 from ..results.dataset import datatree, result_groups, root_group

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..errors import SolverError, computable
+from ..arithmetic import computable
+from ..errors import SolverError
 from ..kernels.communication import FREE
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
