@@ -52,7 +52,7 @@ class ImageMaker:
         ------
         InputError : a parameter out of range, a scene that cannot be built. SolverError : numbers overflow.
         """
-        from ..errors import computable
+        from ..arithmetic import computable
         from .handed_run import HandedRun
         from .input_table import inputs_of
         from .started_run import StartedRun
