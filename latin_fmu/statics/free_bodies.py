@@ -297,7 +297,8 @@ def _mechanism(problem: DiscretisedProblem, limit: LimitLoad, motion: Array) -> 
     moved = {n: (m @ motion[limit.where[n]]).reshape(-1, 3) for n, m in limit.motions.items()}
     speed = {n: float(np.linalg.norm(u, axis=1).max(initial=0.0)) for n, u in moved.items()}
     most = max(speed.values())
-    names = sorted((n for n, v in speed.items() if v > _TURNS * most), key=lambda n: -speed[n])
+    # bodies that move alike stand in the order of the scene, whatever the round-off
+    names = sorted((n for n, v in speed.items() if v > _TURNS * most), key=lambda n: -round(speed[n] / most, 6))
     words = [f"{n} {_way(moved[n], problem.bodies[n].mesh.nodes)}" for n in names[:_NAMED]]
     rest = len(names) - _NAMED
     return ", ".join(words) + (f" and {rest} more" if rest > 0 else "")
