@@ -27,54 +27,49 @@ import numpy as np
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import SEPARATION, SLIP, STICK, add_unknown, sticking
+from .parts import SEPARATION, SLIP, STICK, PointState, Unknowns, add_unknown, sticking
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """P as in contact; the shear that stops the sliding, at most mu P + c."""
+    jump, z = point.jump, point.z
     traction[:] = 0.0
-    closing = -(jump[0] + reach[0])
+    closing = -(jump[0] + point.reach[0])
     if not (closing > 0.0 and z[0] > 0.0):
         return
     traction[0] = -closing / z[0]
     if len(jump) == 1 or z[1] <= 0.0:
         return
-    norm, limit = np.hypot(jump[1], jump[2]), (parameters[1] - parameters[0] * traction[0]) * z[1]
+    norm = np.hypot(jump[1], jump[2])
+    limit = (point.parameters[1] - point.parameters[0] * traction[0]) * z[1]
     scale = 1.0 if norm <= limit else limit / norm
     for i in range(1, 3):
         traction[i] = scale * jump[i] / z[1]
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """The pressure; both components where it sticks, the one across the direction of slip elsewhere."""
-    closing = -(jump[0] + reach[0])
+    jump, z = point.jump, point.z
+    closing = -(jump[0] + point.reach[0])
     if not (closing > 0.0 and z[0] > 0.0):
         return 0
-    add_unknown(0, 0, proximal * z[0], columns, rows, softness)
+    add_unknown(0, 0, unknowns.proximal * z[0], unknowns)
     if len(jump) == 1 or z[1] <= 0.0:
         return 1
-    norm, limit = np.hypot(jump[1], jump[2]), (parameters[0] * closing / z[0] + parameters[1]) * z[1]
+    friction = point.parameters[0]
+    norm = np.hypot(jump[1], jump[2])
+    limit = (friction * closing / z[0] + point.parameters[1]) * z[1]
     if norm <= limit:
-        return sticking(1, proximal * z[1], columns, rows, softness)
+        return sticking(1, unknowns.proximal * z[1], unknowns)
     along, across = jump[1] / norm, jump[2] / norm
-    columns[1], columns[2] = -parameters[0] * along, -parameters[0] * across
+    unknowns.columns[1], unknowns.columns[2] = -friction * along, -friction * across
     if limit <= 0.0:
         return 1
-    columns[4] = rows[4] = -across
-    columns[5] = rows[5] = along
-    softness[4] = z[1] * (norm / limit - 1.0)
+    unknowns.columns[4] = unknowns.rows[4] = -across
+    unknowns.columns[5] = unknowns.rows[5] = along
+    unknowns.softness[4] = z[1] * (norm / limit - 1.0)
     return 2
 
 

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import tangent
+from ..laws.parts import Unknowns
 from .callouts import TANGENTS, call_out
 from .envelope import PANEL, TILE, factorise, place_rows, substitute
+from .local_stage import point_state
 from .products import entry_of, symmetric_size
 
 Array = NDArray[np.float64]
@@ -102,34 +104,20 @@ def activate(pools: Any) -> int:
             continue
         g, at = pools.fixed_int[run.point_group + p], pools.fixed_int[run.point_number + p]
         group = pools.groups[g]
-        h, n_parameter = group.n_component, group.n_parameter
-        width = h if group.elastic == 1 else 1
-        columns, rows = (
-            work[run.columns + 3 * count : run.columns + 3 * (count + 3)],
-            work[run.rows + 3 * count : run.rows + 3 * (count + 3)],
-        )
+        h = group.n_component
+        columns = work[run.columns + 3 * count : run.columns + 3 * (count + 3)]
+        rows = work[run.rows + 3 * count : run.rows + 3 * (count + 3)]
         softness = work[run.softness + 3 * count : run.softness + 3 * (count + 3)]
-        z_sum = pools.fixed[group.newton_z_sum + 2 * at : group.newton_z_sum + 2 * at + 2]
-        made = tangent(
-            group.law,
-            work[group.jump + at * h : group.jump + (at + 1) * h],
-            z_sum,
-            work[group.reach + at * width : group.reach + (at + 1) * width],
-            run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
-            pools.fixed[group.parameters + at * n_parameter : group.parameters + (at + 1) * n_parameter],
-            work[group.tangent + at * 9 : group.tangent + at * 9 + 9] if group.law < 0 else softness,
-            run.proximal,
-            columns,
-            rows,
-            softness,
-        )
+        point = point_state(pools, g, at, group.newton_z_sum)
+        derivative = work[group.tangent + at * 9 : group.tangent + at * 9 + 9] if group.law < 0 else softness
+        made = tangent(group.law, point, derivative, Unknowns(columns, rows, softness, run.proximal))
         first, second = channels_of(pools, p)
         for i in range(made):
             total = 0.0
             for a in range(h):
                 # F and F' of the linear stage are not opposite yet: z rho of each side by its own
-                rest = z[first + a] * f[first + a] - z[second + a] * f[second + a] - z_sum[min(a, 1)] * f_hat[first + a]
-                total -= rows[3 * i + a] * rest
+                rest = z[first + a] * f[first + a] - z[second + a] * f[second + a]
+                total -= rows[3 * i + a] * (rest - point.z[min(a, 1)] * f_hat[first + a])
             work[run.unknowns + count + i] = total
         count += made
     while b <= run.n_block:  # blocks without points behind the last one

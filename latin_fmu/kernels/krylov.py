@@ -25,6 +25,7 @@ from ..compiled import kernel
 from ..laws.dispatch import apply
 from .active_points import channels_of
 from .half_solves import face_response, gain_of
+from .local_stage import point_state
 from .products import product, symmetric_size
 from .splits import tile_of
 from .tied import invert_diagonal, precondition
@@ -89,9 +90,6 @@ def widen(pools: Any) -> None:
             continue
         h = group.n_component
         size = group.n_point * group.n_component
-        n_parameter = group.n_parameter
-        width = h if group.elastic == 1 else 1
-        rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
         jump, traction = work[group.jump : group.jump + size], work[group.traction : group.traction + size]
         first, second = group.start, group.start + size
         # s = W - z F of both sides with another z
@@ -99,15 +97,7 @@ def widen(pools: Any) -> None:
             a, b = first + j, second + j
             jump[j] += (wide[a] - z[a]) * f[a] - (wide[b] - z[b]) * f[b]
         for p in range(group.n_point):
-            apply(
-                group.law,
-                jump[p * h : (p + 1) * h],
-                pools.fixed[group.newton_z_sum + 2 * p : group.newton_z_sum + 2 * p + 2],
-                work[group.reach + p * width : group.reach + (p + 1) * width],
-                rate,
-                pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
-                traction[p * h : (p + 1) * h],
-            )
+            apply(group.law, point_state(pools, g, p, group.newton_z_sum), traction[p * h : (p + 1) * h])
         for j in range(size):
             f_hat[first + j], f_hat[second + j] = traction[j], -traction[j]
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import NO_SLIP, add_tangent, apply
+from ..laws.parts import PointState
 from .callouts import LAW, call_out
 from .energy_parts import OF_DRIFT
 from .matrices import read_channels
@@ -138,32 +139,35 @@ def _start_window(pools: Any, g: int, low: int, high: int) -> None:
 
 
 @kernel
+def point_state(pools: Any, g: int, p: int, z_sum: int) -> PointState:
+    """What the law of a group knows of its point p; ``z_sum`` : place of z of both sides among the fixed numbers."""
+    group = pools.groups[g]
+    run = pools.run[0]
+    work = pools.moving
+    h = group.n_component
+    n_parameter = group.n_parameter
+    width = h if group.elastic == 1 else 1
+    return PointState(
+        work[group.jump + p * h : group.jump + (p + 1) * h],
+        pools.fixed[z_sum + 2 * p : z_sum + 2 * p + 2],
+        work[group.reach + p * width : group.reach + (p + 1) * width],
+        run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
+        pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
+    )
+
+
+@kernel
 def solve_points(pools: Any, g: int, low: int, high: int) -> None:
     """Tractions of the points from ``low`` to ``high`` of a group by its law."""
     if pools.groups[g].law < 0:
         call_out(pools, LAW, g, low, high)
         return
     group = pools.groups[g]
-    run = pools.run[0]
     work = pools.moving
-    h, n_parameter = group.n_component, group.n_parameter
-    width = h if group.elastic == 1 else 1
-    rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
-    law = group.law
-    # ``traction`` and ``reach`` go on to the end of the block: only the points from ``low`` to ``high`` are read
-    jump, traction = work[group.jump + low * h : group.jump + high * h], work[group.traction + low * h :]
-    z, reach = pools.fixed[group.z_sum + 2 * low : group.z_sum + 2 * high], work[group.reach + low * width :]
-    parameters = pools.fixed[group.parameters + low * n_parameter : group.parameters + high * n_parameter]
-    for p in range(high - low):
-        apply(
-            law,
-            jump[p * h : (p + 1) * h],
-            z[2 * p : 2 * p + 2],
-            reach[p * width : (p + 1) * width],
-            rate,
-            parameters[p * n_parameter : (p + 1) * n_parameter],
-            traction[p * h : (p + 1) * h],
-        )
+    h = group.n_component
+    for p in range(low, high):
+        traction = work[group.traction + p * h : group.traction + (p + 1) * h]
+        apply(group.law, point_state(pools, g, p, group.z_sum), traction)
 
 
 @kernel
@@ -171,20 +175,7 @@ def add_tangent_at(pools: Any, g: int, p: int, scratch: Array, out: Array) -> No
     """Add J = dF_hat / djump of a point of a group, at the arguments that its law had last, to ``out`` (h * h,); the
     ``scratch`` has POINT numbers."""
     group = pools.groups[g]
-    run = pools.run[0]
-    work = pools.moving
-    h, n_parameter = group.n_component, group.n_parameter
-    width = h if group.elastic == 1 else 1
-    add_tangent(
-        group.law,
-        work[group.jump + p * h : group.jump + (p + 1) * h],
-        pools.fixed[group.z_sum + 2 * p : group.z_sum + 2 * p + 2],
-        work[group.reach + p * width : group.reach + (p + 1) * width],
-        run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
-        pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
-        scratch,
-        out,
-    )
+    add_tangent(group.law, point_state(pools, g, p, group.z_sum), scratch, out)
 
 
 @kernel

@@ -18,37 +18,27 @@ from typing import ClassVar
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import add_unknown, friction, friction_status, friction_tangent
+from .parts import PointState, Unknowns, add_unknown, friction, friction_status, friction_tangent
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """P = max(0, -((s' - s)_n + reach)) / z_n, and friction; parameter mu."""
     # z = 0: both sides are held, and no pressure is determined
-    pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if z[0] > 0.0 else 0.0
+    pressure = max(0.0, -(point.jump[0] + point.reach[0])) / point.z[0] if point.z[0] > 0.0 else 0.0
     traction[0] = -pressure
-    friction(pressure, parameters[0], jump, z[1], traction)
+    friction(pressure, point.parameters[0], point, traction)
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """Unknowns of a pressed point: its pressure, and those of friction."""
-    closing = -(jump[0] + reach[0])
-    if not (closing > 0.0 and z[0] > 0.0):
+    closing = -(point.jump[0] + point.reach[0])
+    if not (closing > 0.0 and point.z[0] > 0.0):
         return 0
     # regular where several interfaces hold the point (``kernels.newton``)
-    add_unknown(0, 0, proximal * z[0], columns, rows, softness)
-    return friction_tangent(closing / z[0], parameters[0], jump, z[1], proximal * z[1], columns, rows, softness)
+    add_unknown(0, 0, unknowns.proximal * point.z[0], unknowns)
+    return friction_tangent(closing / point.z[0], point.parameters[0], point, unknowns)
 
 
 @kernel

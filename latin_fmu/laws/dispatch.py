@@ -7,17 +7,14 @@ explicit solution, point by point, is the local stage (15)-(17). Components are 
 A law is one file here: three kernels, and a class with its parameters and what the solver has to know of it
 (``base.PointLaw``). REGISTRY names the classes; the dispatch by code is made from it.
 
-    value(jump, z, reach, rate, parameters, traction)
-    tangent(jump, z, reach, rate, parameters, proximal, columns, rows, softness) -> number of unknowns (``parts``)
+    value(point, traction)
+    tangent(point, unknowns) -> number of unknowns
     point_status(traction, parameters, no_contact) -> SEPARATION, STICK or SLIP
 
-    jump         (h,) s' - s, m s-1
-    z            (2,) normal and tangential, m3 N-1 s-1; 0 where both sides are held
-    reach        (1,) normalised gap max(gap, 0) / dt, m s-1; for elastic laws (h,), jump of displacement x rate
-    rate         1/dt; for elastic laws 1 / (displacement per velocity of the instant), s-1
-    parameters   of the law
+    point        ``parts.PointState``: what the law knows of the point
     traction     (h,) F_hat, Pa; ``value`` writes it
-    proximal     share of z_i added to s_i of normal and sticking components (``newton``)
+    unknowns     ``parts.Unknowns``: of the tangent, which ``tangent`` writes
+    parameters   of the law
     no_contact   traction up to which a point counts as separated, Pa
 """
 
@@ -34,6 +31,7 @@ from .contact import Contact
 from .elastic_layer import ElasticLayer
 from .maxwell_joint import MaxwellJoint
 from .no_slip import NoSlip
+from .parts import PointState, Unknowns
 from .perfect import Perfect
 from .soft_contact import SoftContact
 from .viscous_joint import ViscousJoint
@@ -70,46 +68,34 @@ def _dispatch(kernel_name: str, arguments: str, unknown: str) -> Any:
     return kernel(known[kernel_name])
 
 
-apply = _dispatch("value", "jump, z, reach, rate, parameters, traction", "traction[:] = nan")
-_tangent_of = _dispatch("tangent", "jump, z, reach, rate, parameters, proximal, columns, rows, softness", "return 0")
+apply = _dispatch("value", "point, traction", "traction[:] = nan")
+"""F_hat (h,) of a point (``PointState``) by the law with a code, written to ``traction``."""
+_tangent_of = _dispatch("tangent", "point, unknowns", "return 0")
 contact_status = _dispatch("point_status", "traction, parameters, no_contact", "return -1")
 """Separation 0, stick 1, slip 2 of a point from F_hat (h,)."""
 
 
 @kernel
-def tangent(
-    law: int,
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    derivative: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(law: int, point: PointState, derivative: Array, unknowns: Unknowns) -> int:
     """Tangent J = dF_hat / djump of a law at one point, as a sum over unknowns (``parts``); their number, 0 ... 3.
 
     A law written in Python has its derivative (3, 3) instead: columns J, rows of the identity and softness 1 - z J.
     """
     for e in range(9):
         # laws write the entries that are not 0
-        columns[e] = rows[e] = 0.0
+        unknowns.columns[e] = unknowns.rows[e] = 0.0
     # softness is not cleared before: a given tangent writes all nine
     if law < 0:
-        return _given_tangent(derivative, z, len(jump), proximal, columns, rows, softness)
+        return _given_tangent(derivative, point, unknowns)
     # ``derivative`` may be this array: laws with a code do not read it
-    softness[:] = 0.0
-    return int(_tangent_of(law, jump, z, reach, rate, parameters, proximal, columns, rows, softness))
+    unknowns.softness[:] = 0.0
+    return int(_tangent_of(law, point, unknowns))
 
 
 @kernel
-def _given_tangent(
-    derivative: Array, z: Array, n: int, proximal: float, columns: Array, rows: Array, softness: Array
-) -> int:
+def _given_tangent(derivative: Array, point: PointState, unknowns: Unknowns) -> int:
     """Unknowns of a given derivative (3, 3): as many as there are components, none where it vanishes."""
+    softness = unknowns.softness
     largest = 0.0
     for e in range(9):
         largest = max(largest, abs(derivative[e]))
@@ -119,35 +105,33 @@ def _given_tangent(
     for i in range(3):
         for j in range(3):
             # column i of J is what unknown i does: J and its rows exchanged
-            columns[3 * i + j] = derivative[3 * j + i]
-            softness[3 * i + j] = -z[min(i, 1)] * derivative[3 * i + j]
-        rows[4 * i] = 1.0
-        softness[4 * i] += 1.0 + proximal
-    return n
+            unknowns.columns[3 * i + j] = derivative[3 * j + i]
+            softness[3 * i + j] = -point.z[min(i, 1)] * derivative[3 * i + j]
+        unknowns.rows[4 * i] = 1.0
+        softness[4 * i] += 1.0 + unknowns.proximal
+    return len(point.jump)
 
 
 @entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1]")
 def apply_to_points(law: int, jump: Any, z: Any, reach: Any, rate: float, parameters: Any, traction: Any) -> None:
     """The law with this code at all points; arrays (n_point, ...)."""
     for p in range(len(jump)):
-        apply(law, jump[p], z[p], reach[p], rate, parameters[p], traction[p])
+        apply(law, PointState(jump[p], z[p], reach[p], rate, parameters[p]), traction[p])
 
 
 @kernel
-def add_tangent(
-    law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array, scratch: Array, out: Array
-) -> None:
+def add_tangent(law: int, point: PointState, scratch: Array, out: Array) -> None:
     """Add J = dF_hat / djump of a law at one point to ``out`` (h * h,), row after row; ``scratch`` (27,)."""
-    columns = scratch[:9]
-    rows = scratch[9:18]
-    softness = scratch[18:27]
-    h = len(jump)
-    for i in range(tangent(law, jump, z, reach, rate, parameters, softness, 0.0, columns, rows, softness)):
-        own = softness[4 * i] + (z[0] if rows[3 * i] != 0.0 else z[1])
+    unknowns = Unknowns(scratch[:9], scratch[9:18], scratch[18:27], 0.0)
+    columns = unknowns.columns
+    rows = unknowns.rows
+    h = len(point.jump)
+    for i in range(tangent(law, point, unknowns.softness, unknowns)):
+        divisor = unknowns.softness[4 * i] + (point.z[0] if rows[3 * i] != 0.0 else point.z[1])
         # 0: both sides are held
-        for a in range(h if own != 0.0 else 0):
+        for a in range(h if divisor != 0.0 else 0):
             for b in range(h):
-                out[a * h + b] += columns[3 * i + a] * rows[3 * i + b] / own
+                out[a * h + b] += columns[3 * i + a] * rows[3 * i + b] / divisor
 
 
 @entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[::1], f8[:, ::1]")
@@ -156,7 +140,7 @@ def tangents_of_points(
 ) -> None:
     """``add_tangent`` of the law at all points; arrays (n_point, ...)."""
     for p in range(len(jump)):
-        add_tangent(law, jump[p], z[p], reach[p], rate, parameters[p], scratch, out[p])
+        add_tangent(law, PointState(jump[p], z[p], reach[p], rate, parameters[p]), scratch, out[p])
 
 
 @entry("i8, f8[:, ::1], f8[:, ::1], f8, i8[::1]")

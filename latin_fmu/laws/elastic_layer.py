@@ -20,36 +20,26 @@ import numpy as np
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import add_unknown, always_stick
+from .parts import PointState, Unknowns, add_unknown, always_stick
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """F_hat = k_l (s' - s + reach) / (rate + k_l z), parameters k_n and k_t, N m-3."""
-    for i in range(len(jump)):
-        stiffness = parameters[min(i, 1)]
+    for i in range(len(point.jump)):
+        stiffness = point.parameters[min(i, 1)]
         # no branch for z = 0: the layer has a definite traction where both sides are held
-        traction[i] = stiffness * (jump[i] + reach[i]) / (rate + stiffness * z[min(i, 1)])
+        traction[i] = stiffness * (point.jump[i] + point.reach[i]) / (point.rate + stiffness * point.z[min(i, 1)])
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component in which the layer has a stiffness."""
     made = 0
-    for i in range(len(jump)):
-        stiffness = parameters[min(i, 1)]
+    for i in range(len(point.jump)):
+        stiffness = point.parameters[min(i, 1)]
         if stiffness > 0.0:
-            made = add_unknown(made, i, rate / stiffness, columns, rows, softness)  # rate / k: what the layer adds to z
+            made = add_unknown(made, i, point.rate / stiffness, unknowns)  # what the layer adds to z
     return made
 
 

@@ -21,35 +21,25 @@ import numpy as np
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import add_unknown, always_stick
+from .parts import PointState, Unknowns, add_unknown, always_stick
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """F_hat = c_u k (s' - s + reach) / (rate + c_u k z), parameters k_n, k_t, tau and c_u."""
-    for i in range(len(jump)):
-        stiffness = parameters[3] * parameters[min(i, 1)]
-        traction[i] = stiffness * (jump[i] + reach[i]) / (rate + stiffness * z[min(i, 1)])
+    for i in range(len(point.jump)):
+        stiffness = point.parameters[3] * point.parameters[min(i, 1)]
+        traction[i] = stiffness * (point.jump[i] + point.reach[i]) / (point.rate + stiffness * point.z[min(i, 1)])
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component in which the joint has a stiffness."""
     made = 0
-    for i in range(len(jump)):
-        stiffness = parameters[3] * parameters[min(i, 1)]
+    for i in range(len(point.jump)):
+        stiffness = point.parameters[3] * point.parameters[min(i, 1)]
         if stiffness > 0.0:
-            made = add_unknown(made, i, rate / stiffness, columns, rows, softness)
+            made = add_unknown(made, i, point.rate / stiffness, unknowns)
     return made
 
 

@@ -21,39 +21,29 @@ from typing import ClassVar
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import SEPARATION, STICK, add_unknown, sticking
+from .parts import SEPARATION, STICK, PointState, Unknowns, add_unknown, sticking
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """P as in contact; held along the face while the gap at the start of the instant is below the parameter, m."""
-    closing = -(jump[0] + reach[0])
-    traction[0] = -closing / z[0] if closing > 0.0 and z[0] > 0.0 else 0.0
+    closing = -(point.jump[0] + point.reach[0])
+    traction[0] = -closing / point.z[0] if closing > 0.0 and point.z[0] > 0.0 else 0.0
     # reach is the gap times ``rate``
-    held = reach[0] <= rate * parameters[0] and z[1] > 0.0
-    for i in range(1, len(jump)):
+    held = point.reach[0] <= point.rate * point.parameters[0] and point.z[1] > 0.0
+    for i in range(1, len(point.jump)):
         # no bound by the pressure: shear at a point without pressure belongs to this law
-        traction[i] = jump[i] / z[1] if held else 0.0
+        traction[i] = point.jump[i] / point.z[1] if held else 0.0
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """The pressure of a pressed point, and the shear of a held one."""
     made = 0
-    if -(jump[0] + reach[0]) > 0.0 and z[0] > 0.0:
-        made = add_unknown(0, 0, proximal * z[0], columns, rows, softness)
-    if len(jump) > 1 and z[1] > 0.0 and reach[0] <= rate * parameters[0]:
-        made = sticking(made, proximal * z[1], columns, rows, softness)
+    if -(point.jump[0] + point.reach[0]) > 0.0 and point.z[0] > 0.0:
+        made = add_unknown(0, 0, unknowns.proximal * point.z[0], unknowns)
+    if len(point.jump) > 1 and point.z[1] > 0.0 and point.reach[0] <= point.rate * point.parameters[0]:
+        made = sticking(made, unknowns.proximal * point.z[1], unknowns)
     return made
 
 

@@ -11,35 +11,25 @@ from typing import ClassVar
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import add_unknown, always_stick
+from .parts import PointState, Unknowns, add_unknown, always_stick
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """F_hat = (s' - s) / z."""
-    for i in range(len(jump)):
-        both = z[min(i, 1)]
-        traction[i] = jump[i] / both if both > 0.0 else 0.0
+    for i in range(len(point.jump)):
+        both = point.z[min(i, 1)]
+        traction[i] = point.jump[i] / both if both > 0.0 else 0.0
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component that is not held on both sides."""
     made = 0
-    for i in range(len(jump)):
-        both = z[min(i, 1)]
+    for i in range(len(point.jump)):
+        both = point.z[min(i, 1)]
         if both > 0.0:
-            made = add_unknown(made, i, proximal * both, columns, rows, softness)
+            made = add_unknown(made, i, unknowns.proximal * both, unknowns)
     return made
 
 

@@ -15,38 +15,33 @@ from typing import ClassVar
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import add_unknown, friction, friction_status, friction_tangent
+from .parts import PointState, Unknowns, add_unknown, friction, friction_status, friction_tangent
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """P = k_n max(0, -gap), and friction; parameters mu and k_n, N m-3."""
-    pressure = parameters[1] * max(0.0, -(jump[0] + reach[0])) / (rate + parameters[1] * z[0])
+    pressure = (
+        point.parameters[1]
+        * max(0.0, -(point.jump[0] + point.reach[0]))
+        / (point.rate + point.parameters[1] * point.z[0])
+    )
     traction[0] = -pressure
-    friction(pressure, parameters[0], jump, z[1], traction)
+    friction(pressure, point.parameters[0], point, traction)
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """Unknowns of a pressed point: its pressure, softer by the layer, and those of friction."""
-    closing, stiffness = -(jump[0] + reach[0]), parameters[1]
+    closing = -(point.jump[0] + point.reach[0])
+    stiffness = point.parameters[1]
     if not (closing > 0.0 and stiffness > 0.0):
         return 0
     # what the layer adds to z
-    soft = rate / stiffness
-    add_unknown(0, 0, soft, columns, rows, softness)
-    pressure = closing / (z[0] + soft)
-    return friction_tangent(pressure, parameters[0], jump, z[1], proximal * z[1], columns, rows, softness)
+    soft = point.rate / stiffness
+    add_unknown(0, 0, soft, unknowns)
+    pressure = closing / (point.z[0] + soft)
+    return friction_tangent(pressure, point.parameters[0], point, unknowns)
 
 
 @kernel

@@ -13,36 +13,26 @@ from typing import ClassVar
 
 from ..compiled import kernel
 from .base import Array, PointLaw
-from .parts import add_unknown, always_stick
+from .parts import PointState, Unknowns, add_unknown, always_stick
 
 
 @kernel
-def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def value(point: PointState, traction: Array) -> None:
     """F_hat = c (s' - s) / (1 + c z), parameters c_n and c_t, N s m-3."""
-    for i in range(len(jump)):
-        viscosity = parameters[min(i, 1)]
-        traction[i] = viscosity * jump[i] / (1.0 + viscosity * z[min(i, 1)])
+    for i in range(len(point.jump)):
+        viscosity = point.parameters[min(i, 1)]
+        traction[i] = viscosity * point.jump[i] / (1.0 + viscosity * point.z[min(i, 1)])
 
 
 @kernel
-def tangent(
-    jump: Array,
-    z: Array,
-    reach: Array,
-    rate: float,
-    parameters: Array,
-    proximal: float,
-    columns: Array,
-    rows: Array,
-    softness: Array,
-) -> int:
+def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component in which the joint has a viscosity."""
     made = 0
-    for i in range(len(jump)):
-        viscosity = parameters[min(i, 1)]
+    for i in range(len(point.jump)):
+        viscosity = point.parameters[min(i, 1)]
         if viscosity > 0.0:
             # 1 / c: what the joint adds to z, the traction being c times the jump left
-            made = add_unknown(made, i, 1.0 / viscosity, columns, rows, softness)
+            made = add_unknown(made, i, 1.0 / viscosity, unknowns)
     return made
 
 

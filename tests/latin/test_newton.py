@@ -15,6 +15,7 @@ from latin_fmu.latin import search_direction
 from latin_fmu.latin.search_direction import LARGEST, ordered_blocks, relative_operator
 from latin_fmu.laws import dispatch as laws
 from latin_fmu.laws.dispatch import LAWS
+from latin_fmu.laws.parts import PointState, Unknowns
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, rubbing
 
 RNG = np.random.default_rng(5)
@@ -105,7 +106,7 @@ PARAMETERS = {
 def tractions(law: int, jump: np.ndarray, reach: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     """The law at one point."""
     out = np.zeros(3)
-    laws.apply(law, jump, Z, reach, RATE, parameters, out)
+    laws.apply(law, PointState(jump, Z, reach, RATE, parameters), out)
     return out
 
 
@@ -119,8 +120,8 @@ def test_tangent_is_the_derivative(name: str) -> None:
     for _ in range(60):
         jump, reach = RNG.normal(size=3), np.abs(RNG.normal(size=3)) * 0.3
         columns, rows, softness = np.empty(9), np.empty(9), np.empty(9)
-        args = law, jump, Z, reach, RATE, parameters, np.zeros(9)
-        made = laws.tangent(*args, 0.0, columns, rows, softness)
+        args = law, PointState(jump, Z, reach, RATE, parameters), np.zeros(9)
+        made = laws.tangent(*args, Unknowns(columns, rows, softness, 0.0))
         counts.add(made)
         tangent = np.zeros((3, 3))
         for i in range(made):
@@ -141,7 +142,7 @@ def test_tangent_is_the_derivative(name: str) -> None:
         )
         assert tangent == pytest.approx(differences, abs=1e-7)
         again = np.empty(9)
-        laws.tangent(*args, 0.01, columns, rows, again)
+        laws.tangent(*args, Unknowns(columns, rows, again, 0.01))
         added = {0.0, 0.01 * Z[0], 0.01 * Z[1]}
         assert all(min(abs(again[4 * i] - softness[4 * i] - a) for a in added) < 1e-12 for i in range(made))
     assert counts == {"contact": {0, 2, 3}, "soft_contact": {0, 2, 3}, "no_slip": {0, 1, 2, 3}}.get(name, {3})
@@ -159,8 +160,8 @@ def test_slip_of_one_point_by_hand() -> None:
     jump = np.array([-Z[0] * pressure, Z[1] * slip, 0.0])
     columns, rows, softness = np.empty(9), np.empty(9), np.empty(9)
     parameters = np.array([mu, 0.0])
-    args = LAWS["contact"], jump, Z, np.zeros(1), RATE, parameters, np.zeros(9), 0.0
-    assert laws.tangent(*args, columns, rows, softness) == 2
+    point = PointState(jump, Z, np.zeros(1), RATE, parameters)
+    assert laws.tangent(LAWS["contact"], point, np.zeros(9), Unknowns(columns, rows, softness, 0.0)) == 2
     a = np.array([[2.0, 0.5, 0.0], [0.5, 3.0, 0.0], [0.0, 0.0, 3.0]])
     c, r = columns.reshape(3, 3)[:2], rows.reshape(3, 3)[:2]
     matrix = r @ a @ c.T + softness.reshape(3, 3)[:2, :2]
