@@ -90,13 +90,13 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
     ------
     NeedsPythonError : there is none that was made from these sources.
     """
-    known, end = c_runtime.digest().encode(), "-portable" if portable else ""
-    made = {path.stem.removeprefix("_kernels-"): path for path in library.shipped()}
-    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith("-portable") == portable}
+    known, end = c_runtime.digest().encode(), library.PORTABLE if portable else ""
+    made = library.shipped()
+    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith(library.PORTABLE) == portable}
     fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}
     if not fit:
         targets = " ".join(f"{name}{end}" for name in ("linux-x86_64", "windows-x86_64"))
-        known_targets = ", ".join(name for name in linking.TARGETS if name.endswith("-portable") == portable)
+        known_targets = ", ".join(name for name in linking.TARGETS if name.endswith(library.PORTABLE) == portable)
         remedy = (
             f"in a source tree run: python -m latin_fmu.aot {targets} (of {known_targets} those on which it is to run)"
         )

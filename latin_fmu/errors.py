@@ -91,6 +91,10 @@ class NeedsPythonError(InputError):
     """An FMU that needs no Python cannot be made, of this scene or with what is installed."""
 
 
+class KernelsError(InputError):
+    """No library of compiled kernels fits this machine and the sources of this package."""
+
+
 class MeshError(InputError):
     """A mesh file cannot be read or used."""
 

@@ -32,6 +32,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from .compiled import PLAIN
 from .compiled.library import PACKAGE, digest_of
 from .errors import Problem, ResultsError
 
@@ -204,9 +205,8 @@ def store_at(folder: Path, limit: float) -> OperatorStore:
 def _code() -> str:
     """Digest of the source of the package, and of what it runs on."""
     sources = sorted(PACKAGE.rglob("*.py"))
-    # numba takes sums in another order than the library, Python in a third one
-    switches = [os.environ.get(f"LATIN_FMU_{name}", "1") for name in ("COMPILE", "LIBRARY")]
-    on = f"{platform.machine()} {sys.platform} {switches}"
+    # Python takes sums in another order than the library
+    on = f"{platform.machine()} {sys.platform} {PLAIN}"
     return digest_of(PACKAGE, sources, on)
 
 

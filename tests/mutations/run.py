@@ -92,7 +92,7 @@ class Copy:
         compiler = subprocess.Popen(
             command,
             cwd=self.folder,
-            env=self._environment() | {"LATIN_FMU_LIBRARY": "0"},
+            env=self._environment(),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -150,7 +150,7 @@ class Copy:
     def _environment(self) -> dict[str, str]:
         others = {k: v for k, v in os.environ.items() if not k.startswith("LATIN_FMU_")}
         others |= {"LATIN_FMU_COMPILE": "setup"} if self.plain else {}
-        return others | {"PYTHONPATH": str(self.folder), "LATIN_FMU_CACHE": "0", "OMP_NUM_THREADS": "1"}
+        return others | {"PYTHONPATH": str(self.folder), "OMP_NUM_THREADS": "1"}
 
     def _python(self, arguments: Sequence[str], seconds: float) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
