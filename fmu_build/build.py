@@ -20,7 +20,7 @@ from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
 from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.variable import Variable
-from latin_fmu.errors import InputError, NeedsPythonError, Problem, listed
+from latin_fmu.errors import InputError, Problem, listed
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.mesh_files.formats import suffix_of
 from latin_fmu.mesh_files.reading import included_files
@@ -222,7 +222,8 @@ def build_fmu(
 
     Raises
     ------
-    InputError : the scene cannot be built, or gives too many variables; NeedsPythonError : it cannot be compiled.
+    InputError : the scene cannot be built, gives too many variables, or there are no libraries for the FMU;
+    NeedsPythonError : it cannot be compiled.
     SolverError : a matrix is singular, numbers overflow.
     ModuleNotFoundError : the library of an FMU with Python is missing, and a compiler too.
     ResultsError : the file cannot be written.
@@ -303,13 +304,13 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = Fals
 
     Raises
     ------
-    NeedsPythonError : the scene cannot be compiled, or not here; InputError : it cannot be built.
+    NeedsPythonError : the scene cannot be compiled; InputError : it cannot be built, or not here.
     """
     known = {name: code for name, code in libraries(portable).items() if fmi in bridge.PLATFORMS[name]}
     if not known:
         remedy = "use FMI 3, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64"
         problem = Problem("FMI", "has no platform for the libraries that are here", fmi, None, remedy)
-        raise NeedsPythonError([problem], "the FMU cannot be compiled")
+        raise InputError([problem], "the FMU cannot be compiled")
     scene = completed(scene)
     run = compiled_run(scene, fmi)
     _check_size(run.table, fmi)

@@ -88,7 +88,7 @@ class SceneError(InputError):
 
 
 class NeedsPythonError(InputError):
-    """An FMU that needs no Python cannot be made, of this scene or with what is installed."""
+    """An FMU that needs no Python cannot be made of this scene."""
 
 
 class KernelsError(InputError):

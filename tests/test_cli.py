@@ -83,7 +83,7 @@ def test_a_run_loads_what_it_needs(scene: str) -> None:
     code = (
         "import sys; from latin_fmu.cli import main; "
         f"assert main(['run', {scene!r}, '--quiet']) == 0; "
-        "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
+        "unused = {'numba', 'llvmlite', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
         "'scipy.cluster', 'scipy.integrate', 'scipy.optimize', 'scipy.signal', 'scipy.stats'}; "
         "unused |= {f'latin_fmu.{name}' for name in ('assembly.reduced_run', 'assembly.joined_assembly', "
         "'assembly.release', 'mesh_files.content', 'scene.universal_files')}; "

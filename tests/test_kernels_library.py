@@ -29,10 +29,9 @@ from latin_fmu.kernels import inputs, sparse_response
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.laws.dispatch import LAWS, law_tangents
 from latin_fmu.propagator import stable_step
+from latin_fmu.propagator.interface_matrices import project
 
 ROOT = Path(__file__).parents[1]
-
-with_library = pytest.mark.skipif(library.loaded() is None, reason="no library here: an editable installation")
 
 
 class Pair(NamedTuple):
@@ -122,7 +121,6 @@ def test_a_signature_that_cannot_be_read_is_refused(text):
 # the library
 
 
-@with_library
 def test_the_library_holds_every_entry():
     opened = library.loaded()
     assert opened is not None
@@ -147,7 +145,6 @@ def test_signatures_have_the_arguments_of_their_functions():
         assert {len(s.arguments) for s in item.signatures} == {wanted}, item.symbol
 
 
-@with_library
 @pytest.mark.parametrize(
     ("name", "end"),
     [
@@ -274,7 +271,6 @@ def settings(changes: dict[str, str]) -> list[str]:
     return [f"{name}={value}" for name, value in changes.items()]
 
 
-@with_library
 def test_every_entry_equals_its_python_function(monkeypatch):
     recorder = Recorder(monkeypatch)
     for name, changes in RUNS:
@@ -337,7 +333,6 @@ def the_file() -> Path:
     return next(f / name for f in (library.PACKAGE, library.PACKAGE.parent / "build") if (f / name).is_file())
 
 
-@with_library
 def test_a_library_of_other_sources_is_refused(tree):
     assert isinstance(library.opened(the_file(), tree), ctypes.CDLL)
     sources, _ = library.manifest(library.opened(the_file(), tree))  # type: ignore[arg-type]
@@ -358,13 +353,77 @@ def test_files_that_are_no_library_are_refused(tmp_path):
     assert "cannot be loaded" in str(library.opened(tmp_path / "missing.so", library.PACKAGE))
 
 
-@with_library
 def test_another_processor_is_refused(monkeypatch):
     class Old(ctypes.CDLL):
         latin_fmu_fits = staticmethod(lambda: 0)
 
     monkeypatch.setattr(library.ctypes, "CDLL", Old)
     assert "AVX2" in str(library.opened(the_file(), library.PACKAGE))
+
+
+RUN = """
+import sys
+sys.modules["numba"] = sys.modules["llvmlite"] = None
+from latin_fmu.cli import main
+coarse = [f"substructure.{body}.box.elements=[1, 1, 1]" for body in ("lower", "upper")]
+words = [word for setting in ("time.end=6e-7", *coarse) for word in ("--set", setting)]
+sys.exit(main(["run", *sys.argv[1:], "--no-estimate", "--quiet", *words]))
+"""
+
+
+def run_of(tree: Path, **environment: str) -> tuple[int, str]:
+    """Exit code of a run by a copy of the package without numba, and what it says."""
+    scene = ROOT / "models" / "two_specimen_crushing" / "scene.toml"
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, str(scene), "-o", str(tree.parent / "out.nc")],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tree.parent,
+        env={**os.environ, "PYTHONPATH": str(tree.parent), **environment},
+    )
+    return done.returncode, done.stderr
+
+
+def test_a_run_without_a_library_says_where_it_was_looked_for(tree):
+    """In an installation, and in a source tree, where a command makes it."""
+    code, said = run_of(tree)
+    assert code == 2
+    name = library.file_name(library.target())
+    assert f"no run is possible: 1 problem\n  1. {name}: the library of compiled kernels is not in {tree};" in said
+    assert f"install the wheel of this version for {library.target()}" in said
+    (tree.parent / "hatch_build.py").touch()
+    code, said = run_of(tree)
+    assert code == 2
+    assert f"is not in {tree} nor in {tree.parent / 'build'}; run python -m latin_fmu.aot there" in said
+    assert "pip install -e '.[kernels]'" in said
+    assert "Traceback" not in said
+    assert not (tree.parent / "out.nc").exists()
+
+
+def test_a_changed_kernel_is_run_by_no_old_library(tree):
+    """A library is taken from ``build/`` until a kernel changes; then a run names the command that makes it anew."""
+    (tree.parent / "hatch_build.py").touch()
+    (tree.parent / "build").mkdir()
+    copy = tree.parent / "build" / the_file().name
+    shutil.copy(the_file(), copy)
+    assert run_of(tree) == (0, "")
+    law = tree / "laws" / "contact.py"
+    law.write_text(law.read_text() + "# changed\n")
+    code, said = run_of(tree)
+    assert code == 2
+    assert f"1. {copy}: the library of compiled kernels was made from other sources than those in {tree};" in said
+    assert "run python -m latin_fmu.aot there" in said
+
+
+def test_a_debugger_needs_no_library(tree):
+    """Plain Python, kernels of the set-up included."""
+    assert run_of(tree, LATIN_FMU_COMPILE="setup") == (0, "")
+
+
+def test_arguments_that_no_signature_describes_are_refused_by_name():
+    with pytest.raises(MismatchError, match="project: argument 3: an array of float32, 1-D; declared: float64, 1-D"):
+        project(np.arange(3), np.arange(2), np.ones(2, dtype=np.float32), 2.0, np.eye(2), np.empty((2, 2)))
 
 
 # what a kernel may need

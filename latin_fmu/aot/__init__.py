@@ -1,4 +1,4 @@
-"""Compilation of the kernels ahead of time, when a wheel is built; no part of a run, which needs neither numba nor LLVM.
+"""Compilation of the kernels ahead of time, when a wheel is built; a run needs neither numba nor LLVM.
 
 numba lowers every entry once, LLVM optimises all of them together and emits an object file for each target
 (``lowering``). Its undefined symbols are compared to a list, and the compiler of ``ziglang`` links it with the

@@ -1,7 +1,7 @@
 """numba's compiled functions of the kernels, in the process of a build alone.
 
-A kernel names others by their objects (``compiled.declare``: ``Kernel``, ``Intrinsic``), of which numba knows nothing; here
-it learns what it is to take them for.
+A kernel names others by their objects (``compiled.declare``: ``Kernel``, ``Intrinsic``), of which numba knows nothing;
+here it learns what it is to take them for.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba import types
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic, typeof_impl
 
-from ..compiled.declare import Kernel, Intrinsic
+from ..compiled.declare import Intrinsic, Kernel
 
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
 _ORDERED: Final = {"contract", "nsz"}

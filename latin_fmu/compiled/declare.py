@@ -298,8 +298,8 @@ class Intrinsic:
 
     Attributes
     ----------
-    define : what ``numba.extending.intrinsic`` takes; it imports what it needs of numba itself. in_python : the same for
-    kernels that are run in Python.
+    define : what ``numba.extending.intrinsic`` takes; it imports what it needs of numba itself. in_python : the same
+    for kernels that are run in Python.
     """
 
     def __init__(self, define: Callable[..., Any], in_python: Callable[..., Any]) -> None:

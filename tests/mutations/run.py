@@ -90,12 +90,7 @@ class Copy:
     def _started(self) -> subprocess.Popen[str]:
         command = [sys.executable, "-B", str(Path(__file__).with_name("compiler.py"))]
         compiler = subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=self._environment(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+            command, cwd=self.folder, env=self._environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         self._answer(compiler)
         return compiler
