@@ -6,7 +6,9 @@ here it learns what it is to take them for.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final, cast
 
 import numba
 from numba import types
@@ -18,13 +20,17 @@ from ..compiled.declare import Intrinsic, Kernel
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
 _ORDERED: Final = {"contract", "nsz"}
 _FAST: Final = _ORDERED | {"reassoc"}
+# Python calls no kernel by numba: wrappers for that are left out
+_OPTIONS: Final[Mapping[str, Any]] = MappingProxyType(
+    {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+)
 
 
 class Dispatchers:
     """Compiled functions, each made when it is first needed."""
 
     def __init__(self) -> None:
-        numba.config.SLP_VECTORIZE = 1  # several sums side by side become one vector
+        cast(Any, numba.config).SLP_VECTORIZE = 1  # several sums side by side become one vector
         self._of_kernels: dict[Kernel, Any] = {}
         self._intrinsics: dict[Intrinsic, Any] = {}
         # of a kernel that derives from it (``Entry``), too
@@ -35,10 +41,7 @@ class Dispatchers:
         """The compiled function of a kernel."""
         if kernel not in self._of_kernels:
             fast = _ORDERED if kernel.ordered else _FAST
-            made = numba.njit(
-                nogil=True, fastmath=fast, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-            )(kernel.py_func)
-            self._of_kernels[kernel] = _by_types(made)
+            self._of_kernels[kernel] = _by_types(numba.njit(**_OPTIONS, fastmath=fast)(kernel.py_func))
         return self._of_kernels[kernel]
 
     def forget(self, kernel: Kernel) -> None:
@@ -55,11 +58,10 @@ class Dispatchers:
 
 def _by_types(made: Any) -> Any:
     """The dispatcher, which compiles for the types of its arguments and not once more for every constant among them."""
-    original = made.get_call_template
+    original, unliteral = made.get_call_template, cast(Any, types.unliteral)
 
     def template(arguments: Any, keywords: Any) -> Any:
-        plain = tuple(types.unliteral(a) for a in arguments)
-        return original(plain, {k: types.unliteral(a) for k, a in keywords.items()})
+        return original(tuple(unliteral(a) for a in arguments), {k: unliteral(a) for k, a in keywords.items()})
 
     made.get_call_template = template
     return made
