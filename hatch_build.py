@@ -55,7 +55,9 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             )
         targets = [target for target in targets if target in TAGS]
         if not targets:
-            self.app.display_warning("no library of kernels for this machine: it reads and draws results, and runs nothing")
+            self.app.display_warning(
+                "no library of kernels for this machine: it reads and draws results, and runs nothing"
+            )
         if version == "editable":
             if targets:
                 compile_kernels(root, targets)

@@ -133,7 +133,8 @@ class OperatorStore:
                 # before it is read: NumPy meets a damaged header with any exception, and takes any shape from it
                 if _checksum(place / f"{name}.npy") != checksum:
                     raise ValueError(name)
-                arrays[name] = np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False)
+                # entries of kernels take arrays of NumPy's own class alone
+                arrays[name] = np.asarray(np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False))
             os.utime(place / _LIST)  # used now: removed last
         except (OSError, ValueError, AttributeError, TypeError, EOFError):
             self.removed += 1

@@ -161,7 +161,7 @@ def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]
 
 def _kind_of(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        return f"an array of {value.dtype}, {value.ndim}-D"
+        return f"{'an array' if type(value) is np.ndarray else type(value).__name__} of {value.dtype}, {value.ndim}-D"
     return type(value).__name__
 
 
