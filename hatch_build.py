@@ -4,8 +4,8 @@ the FMUs of this machine. It carries the models of ``latin-fmu demo``, too.
 ``LATIN_FMU_TARGET`` names other targets, with spaces between them. The wheel is for the first one (cross-built:
 linked, not tried); its FMUs run on each of them: ``linux-x86_64 windows-x86_64`` is a wheel for Linux whose FMUs run on
 Windows, too. Each further target costs half a minute or more, and 0.4 MB. ``none`` builds a wheel without a library,
-whose kernels numba compiles at the first run. An editable install compiles the libraries into ``build/``, where the
-package finds them until a kernel changes; then see ``python -m latin_fmu.aot``.
+which reads and draws results and runs nothing. An editable install compiles the libraries into ``build/``, where the
+package finds them until a kernel changes; then ``python -m latin_fmu.aot`` makes them anew.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MODEL_FILES = (".toml", ".md", ".json", ".msh", ".csv", ".py")  # what a wheel t
 
 def compile_kernels(root: Path, targets: Sequence[str]) -> None:
     """Libraries of the kernels in ``build/``; those that are there and fit stay. Raises CalledProcessError."""
-    environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     subprocess.run([sys.executable, "-m", "latin_fmu.aot", *targets], cwd=root, env=environment, check=True)
 
 
@@ -55,9 +55,12 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             )
         targets = [target for target in targets if target in TAGS]
         if not targets:
-            self.app.display_warning("no library of kernels for this machine: numba compiles them at the first run")
+            self.app.display_warning(
+                "no library of kernels for this machine: it reads and draws results, and runs nothing"
+            )
         if version == "editable":
-            self._compile_in_place(root, targets)
+            if targets:
+                compile_kernels(root, targets)
             return
         for file in sorted(path for path in root.glob("models/**/*") if path.suffix in MODEL_FILES):
             build_data["force_include"][str(file)] = f"latin_fmu/{file.relative_to(root).as_posix()}"
@@ -77,10 +80,3 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             build_data["force_include"][str(root / "build" / file_name(target))] = f"latin_fmu/{file_name(target)}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{TAGS[targets[0]]}"
-
-    def _compile_in_place(self, root: Path, targets: Sequence[str]) -> None:
-        """The libraries for an editable install, which is good without one, too."""
-        try:
-            compile_kernels(root, targets)
-        except (OSError, subprocess.CalledProcessError) as error:
-            self.app.display_warning(f"no library of kernels ({error}): numba compiles them at the first run")

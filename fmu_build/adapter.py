@@ -309,7 +309,6 @@ class CoSimulationAdapter(Opened):
     needed: ClassVar[Mapping[str, str]] = {
         "numpy": "2.0",
         "scipy": "1.15",
-        "numba": "0.61",
         "pydantic": "2.10",
         "xarray": "2024.10",
         "netCDF4": "1.7.2",

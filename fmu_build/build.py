@@ -20,7 +20,7 @@ from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
 from latin_fmu.cosim import c_runtime
 from latin_fmu.cosim.variable import Variable
-from latin_fmu.errors import InputError, NeedsPythonError, Problem
+from latin_fmu.errors import InputError, Problem, listed
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.mesh_files.formats import suffix_of
 from latin_fmu.mesh_files.reading import included_files
@@ -70,15 +70,27 @@ _BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is need
 
 
 def binaries(fmi: str, identifier: str, kind: bridge.Kind) -> Files:
-    """Libraries of a kind of all platforms there are, under the name of the model.
+    """Libraries of a kind of all platforms there are, under the name of the model; for co-simulation of those whose
+    kernels travel, too.
 
-    Raises ModuleNotFoundError with the command that installs what is missing.
+    Raises
+    ------
+    InputError : there is no such platform. ModuleNotFoundError : with the command that installs what is missing.
     """
-    return {
+    there = bridge.libraries(kind)
+    if kind == "maker":
+        of_kernels = {name.removesuffix(library.PORTABLE) for name in library.shipped()}
+        there = {name: path for name, path in there.items() if name in of_kernels}
+    files = {
         f"binaries/{bridge.PLATFORMS[target][fmi]}/{identifier}{path.suffix}": path.read_bytes()
-        for target, path in sorted(bridge.libraries(kind).items())
+        for target, path in sorted(there.items())
         if fmi in bridge.PLATFORMS[target]
     }
+    if not files:
+        what, allowed = "has no platform for which there are libraries here", listed(bridge.PLATFORMS)
+        remedy = "use FMI 3, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64"
+        raise InputError.of("the FMU cannot be built", f"FMI {fmi}", what, listed(there), allowed, remedy)
+    return files
 
 
 def package_files() -> Files:
@@ -91,8 +103,7 @@ def package_files() -> Files:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
     # the library is recognised by them, and made of them where there is none for a machine
     files |= {f"latin_fmu/cosim/runtime/{path.name}": path.read_bytes() for path in c_runtime.sources()}
-    # not the portable library: on a processor without AVX2 numba compiles
-    files |= {f"latin_fmu/{p.name}": p.read_bytes() for p in library.shipped() if not p.stem.endswith("-portable")}
+    files |= {f"latin_fmu/{path.name}": path.read_bytes() for path in library.shipped().values()}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
     return files | {f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS}
@@ -211,7 +222,8 @@ def build_fmu(
 
     Raises
     ------
-    InputError : the scene cannot be built, or gives too many variables; NeedsPythonError : it cannot be compiled.
+    InputError : the scene cannot be built, gives too many variables, or there are no libraries for the FMU;
+    NeedsPythonError : it cannot be compiled.
     SolverError : a matrix is singular, numbers overflow.
     ModuleNotFoundError : the library of an FMU with Python is missing, and a compiler too.
     ResultsError : the file cannot be written.
@@ -292,13 +304,13 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = Fals
 
     Raises
     ------
-    NeedsPythonError : the scene cannot be compiled, or not here; InputError : it cannot be built.
+    NeedsPythonError : the scene cannot be compiled; InputError : it cannot be built, or not here.
     """
     known = {name: code for name, code in libraries(portable).items() if fmi in bridge.PLATFORMS[name]}
     if not known:
         remedy = "use FMI 3, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64"
         problem = Problem("FMI", "has no platform for the libraries that are here", fmi, None, remedy)
-        raise NeedsPythonError([problem], "the FMU cannot be compiled")
+        raise InputError([problem], "the FMU cannot be compiled")
     scene = completed(scene)
     run = compiled_run(scene, fmi)
     _check_size(run.table, fmi)

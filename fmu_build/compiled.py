@@ -26,7 +26,7 @@ from latin_fmu.cosim.communication import CommunicationRun, write
 from latin_fmu.cosim.table_file import Identity, RecordPart, checksum, output_places, table_file
 from latin_fmu.cosim.variable import Variable
 from latin_fmu.cosim.variables import table_of
-from latin_fmu.errors import NeedsPythonError, Problem
+from latin_fmu.errors import InputError, Problem
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
@@ -88,22 +88,22 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
 
     Raises
     ------
-    NeedsPythonError : there is none that was made from these sources.
+    InputError : there is none that was made from these sources.
     """
-    known, end = c_runtime.digest().encode(), "-portable" if portable else ""
-    made = {path.stem.removeprefix("_kernels-"): path for path in library.shipped()}
-    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith("-portable") == portable}
+    known, end = c_runtime.digest().encode(), library.PORTABLE if portable else ""
+    made = library.shipped()
+    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith(library.PORTABLE) == portable}
     fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}
     if not fit:
         targets = " ".join(f"{name}{end}" for name in ("linux-x86_64", "windows-x86_64"))
-        known_targets = ", ".join(name for name in linking.TARGETS if name.endswith("-portable") == portable)
+        known_targets = ", ".join(name for name in linking.TARGETS if name.endswith(library.PORTABLE) == portable)
         remedy = (
             f"in a source tree run: python -m latin_fmu.aot {targets} (of {known_targets} those on which it is to run)"
         )
         if not portable:
             remedy = f"install a wheel, or, {remedy}"
         problem = Problem("compiled FMU", "the library of compiled kernels is missing here", None, None, remedy)
-        raise NeedsPythonError([problem], "the FMU cannot be compiled")
+        raise InputError([problem], "the FMU cannot be compiled")
     return fit
 
 

@@ -373,12 +373,9 @@ the straight line from the last value to the value set, whatever <code>inputInte
 inside. An importer that is no Python starts the one that the environment variable <code>LATIN_FMU_PYTHON</code> names,
 else <code>python3</code> on its path. Tried on Linux, x86-64; the libraries for Windows (x86-64), macOS (arm64) and
 Linux (aarch64) are compiled from the same source, where the package that made the FMU holds them.</p>
-<p>The kernels are inside, compiled for the kind of machine on which this FMU was made, if the package there held
-them. On others, and on processors without AVX2 and FMA, numba compiles them at the first step (two to three minutes)
-and keeps them, by content, in the folder <code>latin-fmu</code> of the user's cache (<code>~/.cache</code>): another
-extraction does not compile again. The environment variable <code>LATIN_FMU_CACHE</code> names another folder, 0 keeps
-nothing; <code>LATIN_FMU_COMPILE=setup</code> is for debugging: the march as plain Python, thousands of times
-slower.</p>
+<p>The kernels are inside, compiled for the platforms of the folder <code>binaries</code>; on a processor that they do
+not fit (x86-64 without AVX2 and FMA, say), initialization ends with an error that says so.
+<code>LATIN_FMU_COMPILE=setup</code> is for debugging: the march as plain Python, thousands of times slower.</p>
 """
 
 _COMPILED = """\

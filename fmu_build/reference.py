@@ -17,7 +17,7 @@ import numpy as np
 import latin_fmu
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.building import discretise
-from latin_fmu.compiled import library
+from latin_fmu.compiled import PLAIN
 from latin_fmu.cosim.input_table import inputs_of
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
@@ -90,8 +90,8 @@ def reference_of(scene: Scene, laws: Mapping[str, TimeLaw] | None = None, whole:
     SceneError : the scene cannot be built.
     """
     scene = completed(scene)
-    if library.loaded() is None and not whole:
-        return ReferenceRun({}, "no reference run: the kernels are not compiled here (--reference whole makes it)")
+    if PLAIN and not whole:
+        return ReferenceRun({}, "no reference run: the kernels are plain Python here (--reference whole makes it)")
     step = suggested_step(scene)
     n = max(1, round(scene.time.end / step))
     kept = n if whole else _within(Prediction(discretise(scene)), n)

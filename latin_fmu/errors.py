@@ -88,7 +88,11 @@ class SceneError(InputError):
 
 
 class NeedsPythonError(InputError):
-    """An FMU that needs no Python cannot be made, of this scene or with what is installed."""
+    """An FMU that needs no Python cannot be made of this scene."""
+
+
+class KernelsError(InputError):
+    """No library of compiled kernels fits this machine and the sources of this package."""
 
 
 class MeshError(InputError):

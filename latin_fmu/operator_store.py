@@ -32,6 +32,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from .compiled import PLAIN
 from .compiled.library import PACKAGE, digest_of
 from .errors import Problem, ResultsError
 
@@ -132,7 +133,8 @@ class OperatorStore:
                 # before it is read: NumPy meets a damaged header with any exception, and takes any shape from it
                 if _checksum(place / f"{name}.npy") != checksum:
                     raise ValueError(name)
-                arrays[name] = np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False)
+                # entries of kernels take arrays of NumPy's own class alone
+                arrays[name] = np.asarray(np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False))
             os.utime(place / _LIST)  # used now: removed last
         except (OSError, ValueError, AttributeError, TypeError, EOFError):
             self.removed += 1
@@ -204,9 +206,8 @@ def store_at(folder: Path, limit: float) -> OperatorStore:
 def _code() -> str:
     """Digest of the source of the package, and of what it runs on."""
     sources = sorted(PACKAGE.rglob("*.py"))
-    # numba takes sums in another order than the library, Python in a third one
-    switches = [os.environ.get(f"LATIN_FMU_{name}", "1") for name in ("COMPILE", "LIBRARY")]
-    on = f"{platform.machine()} {sys.platform} {switches}"
+    # Python takes sums in another order than the library
+    on = f"{platform.machine()} {sys.platform} {PLAIN}"
     return digest_of(PACKAGE, sources, on)
 
 

@@ -83,7 +83,7 @@ def test_a_run_loads_what_it_needs(scene: str) -> None:
     code = (
         "import sys; from latin_fmu.cli import main; "
         f"assert main(['run', {scene!r}, '--quiet']) == 0; "
-        "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
+        "unused = {'numba', 'llvmlite', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing', "
         "'scipy.cluster', 'scipy.integrate', 'scipy.optimize', 'scipy.signal', 'scipy.stats'}; "
         "unused |= {f'latin_fmu.{name}' for name in ('joined.reduced_run', 'joined.joined_assembly', "
         "'checks.release', 'mesh_files.content', 'scene.universal_files')}; "
@@ -92,6 +92,18 @@ def test_a_run_loads_what_it_needs(scene: str) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="sizes of the libraries of Linux")
+def test_a_small_run_takes_the_memory_of_its_libraries(scene: str) -> None:
+    """Two thirds of it are Python, NumPy, SciPy, netCDF4 and pydantic when they are loaded."""
+    code = (
+        "import sys; from latin_fmu.cli import main; from latin_fmu.machine import peak_memory; "
+        f"assert main(['run', {scene!r}, '--quiet']) == 0; print(peak_memory())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 110 * 2**20
 
 
 def test_settings_are_changed_by_name(scene: str, capsys: pytest.CaptureFixture[str]) -> None:

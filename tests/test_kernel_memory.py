@@ -19,9 +19,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from latin_fmu.aot import linking, lowering
-from latin_fmu.compiled import entry, kernel, with_numba
-
-with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+from latin_fmu.compiled import entry, kernel
 
 
 @kernel
@@ -108,7 +106,7 @@ def run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     pytest.importorskip("numba")
     file = folder / "kernels.py"
     file.write_text(script)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_LIBRARY": "0"}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run([sys.executable, str(file)], capture_output=True, text=True, check=False, env=environment)
 
 
@@ -146,8 +144,7 @@ def whole(given):
 """
 BUILD = """
 from latin_fmu.aot import linking, lowering
-from latin_fmu.compiled import entry, kernel, with_numba
-with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+from latin_fmu.compiled import entry, kernel
 {}
 target = linking.TARGETS["linux-x86_64"]
 joined = lowering.joined(*lowering.lower(lowering.start(), [whole]))

@@ -22,17 +22,16 @@ from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.many_columns import MANY
 from latin_fmu.cholesky.substitution import LANES, SPARE
-from latin_fmu.compiled import declare, fields, library, with_numba
+from latin_fmu.compiled import declare, fields, library
 from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.kernels import inputs, sparse_response
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.laws.dispatch import LAWS, law_tangents
 from latin_fmu.propagator import stable_step
+from latin_fmu.propagator.interface_matrices import project
 
 ROOT = Path(__file__).parents[1]
-
-with_library = pytest.mark.skipif(library.loaded() is None, reason="no library here: an editable installation")
 
 
 class Pair(NamedTuple):
@@ -122,7 +121,6 @@ def test_a_signature_that_cannot_be_read_is_refused(text):
 # the library
 
 
-@with_library
 def test_the_library_holds_every_entry():
     opened = library.loaded()
     assert opened is not None
@@ -147,20 +145,6 @@ def test_signatures_have_the_arguments_of_their_functions():
         assert {len(s.arguments) for s in item.signatures} == {wanted}, item.symbol
 
 
-@pytest.fixture
-def misses(monkeypatch) -> list[str]:
-    """Kernels that numba compiles."""
-    missed: list[str] = []
-
-    def refuse(function: Callable[..., Any]) -> Any:
-        missed.append(f"{function.__module__}.{function.__name__}")
-        raise AssertionError(f"{missed[-1]} is not in the library")
-
-    monkeypatch.setattr(with_numba, "dispatcher", refuse)
-    return missed
-
-
-@with_library
 @pytest.mark.parametrize(
     ("name", "end"),
     [
@@ -264,7 +248,7 @@ def in_python(kernel: Any, above: tuple[Any, ...] = ()) -> bool:
     """Whether a kernel and those that it calls can run uncompiled."""
     for name in kernel.py_func.__code__.co_names:
         used = kernel.py_func.__globals__.get(name)
-        if isinstance(used, declare.Later) and used.in_python is None:
+        if isinstance(used, declare.Intrinsic) and used.in_python is None:
             return False
         if isinstance(used, declare.Kernel) and used not in above and not in_python(used, (*above, kernel)):
             return False
@@ -287,7 +271,6 @@ def settings(changes: dict[str, str]) -> list[str]:
     return [f"{name}={value}" for name, value in changes.items()]
 
 
-@with_library
 def test_every_entry_equals_its_python_function(monkeypatch):
     recorder = Recorder(monkeypatch)
     for name, changes in RUNS:
@@ -350,7 +333,6 @@ def the_file() -> Path:
     return next(f / name for f in (library.PACKAGE, library.PACKAGE.parent / "build") if (f / name).is_file())
 
 
-@with_library
 def test_a_library_of_other_sources_is_refused(tree):
     assert isinstance(library.opened(the_file(), tree), ctypes.CDLL)
     sources, _ = library.manifest(library.opened(the_file(), tree))  # type: ignore[arg-type]
@@ -371,7 +353,6 @@ def test_files_that_are_no_library_are_refused(tmp_path):
     assert "cannot be loaded" in str(library.opened(tmp_path / "missing.so", library.PACKAGE))
 
 
-@with_library
 def test_another_processor_is_refused(monkeypatch):
     class Old(ctypes.CDLL):
         latin_fmu_fits = staticmethod(lambda: 0)
@@ -380,183 +361,69 @@ def test_another_processor_is_refused(monkeypatch):
     assert "AVX2" in str(library.opened(the_file(), library.PACKAGE))
 
 
-ONE_KERNEL = """
-import numpy as np
-from latin_fmu.propagator.interface_matrices import project
-x, out = np.eye(2), np.empty((2, 2))
-project(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)
-assert (out == 2.0 * x).all()
-print(*project.dispatcher.stats.cache_misses.values())
+RUN = """
+import sys
+sys.modules["numba"] = sys.modules["llvmlite"] = None
+from latin_fmu.cli import main
+coarse = [f"substructure.{body}.box.elements=[1, 1, 1]" for body in ("lower", "upper")]
+words = [word for setting in ("time.end=6e-7", *coarse) for word in ("--set", setting)]
+sys.exit(main(["run", *sys.argv[1:], "--no-estimate", "--quiet", *words]))
 """
 
 
-def compiled_by_numba(store: Path) -> tuple[str, str]:
-    """Compilations of a kernel with a callee in a process without the library, and its output."""
-    environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "LATIN_FMU_CACHE": str(store), "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", ONE_KERNEL]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip(), done.stderr.strip()
+def run_of(tree: Path, **environment: str) -> tuple[int, str]:
+    """Exit code of a run by a copy of the package without numba, and what it says."""
+    scene = ROOT / "models" / "two_specimen_crushing" / "scene.toml"
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, str(scene), "-o", str(tree.parent / "out.nc")],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tree.parent,
+        env={**os.environ, "PYTHONPATH": str(tree.parent), **environment},
+    )
+    return done.returncode, done.stderr
 
 
-def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
-    """In the first process; the second one reads from the folder. Damaged files are compiled again, with one warning,
-    and the next process reads what that one wrote."""
-    store = tmp_path / "store"
-    compilations, said = compiled_by_numba(store)
-    assert compilations == "1"
-    assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, up to seven minutes" in said
-    assert "to avoid it: unset LATIN_FMU_LIBRARY" in said
-    assert str(store) in said
-    assert compiled_by_numba(store) == ("", "")
-    assert not list(ROOT.glob("latin_fmu/**/*.nbi"))
-    files = list(store.rglob("*.nbi"))
-    assert len(files) > 1
-    for file in files:
-        file.write_bytes(b"")
-    compilations, said = compiled_by_numba(store)
-    assert compilations == "1"
-    assert said.count("\n") == 0
-    assert said.endswith("damaged files of compiled kernels: numba compiles these kernels again")
-    assert compiled_by_numba(store) == ("", "")
+def test_a_run_without_a_library_says_where_it_was_looked_for(tree):
+    """In an installation, and in a source tree, where a command makes it."""
+    code, said = run_of(tree)
+    assert code == 2
+    name = library.file_name(library.target())
+    assert f"no run is possible: 1 problem\n  1. {name}: the library of compiled kernels is not in {tree};" in said
+    assert f"install the wheel of this version for {library.target()}" in said
+    (tree.parent / "hatch_build.py").touch()
+    code, said = run_of(tree)
+    assert code == 2
+    assert f"is not in {tree} nor in {tree.parent / 'build'}; run python -m latin_fmu.aot there" in said
+    assert "pip install -e '.[kernels]'" in said
+    assert "Traceback" not in said
+    assert not (tree.parent / "out.nc").exists()
 
 
-@pytest.mark.parametrize(
-    ("suffix", "damage"),
-    [
-        (".nbi", lambda content: content[:0]),
-        (".nbc", lambda content: content[:-10]),
-        (".nbc", lambda content: content[:9] + bytes([content[9] ^ 1]) + content[10:]),
-    ],
-    ids=["empty index", "cut", "one bit"],
-)
-def test_damaged_files_of_compiled_kernels_are_not_read(suffix, damage, tmp_path, caplog):
-    files = with_numba._checked_files()(str(tmp_path), "kernel", None)
-    files.save("key", "data")
-    assert files.load("key") == "data"
-    (file,) = tmp_path.glob(f"*{suffix}")
-    file.write_bytes(damage(file.read_bytes()))
-    assert files.load("key") is None
-    assert "damaged files of compiled kernels" in caplog.text
+def test_a_changed_kernel_is_run_by_no_old_library(tree):
+    """A library is taken from ``build/`` until a kernel changes; then a run names the command that makes it anew."""
+    (tree.parent / "hatch_build.py").touch()
+    (tree.parent / "build").mkdir()
+    copy = tree.parent / "build" / the_file().name
+    shutil.copy(the_file(), copy)
+    assert run_of(tree) == (0, "")
+    law = tree / "laws" / "contact.py"
+    law.write_text(law.read_text() + "# changed\n")
+    code, said = run_of(tree)
+    assert code == 2
+    assert f"1. {copy}: the library of compiled kernels was made from other sources than those in {tree};" in said
+    assert "run python -m latin_fmu.aot there" in said
 
 
-def test_a_disk_without_room_for_compiled_kernels_is_a_warning(tmp_path, monkeypatch, caplog):
-    """The kernel is compiled in this process only."""
-    files = with_numba._checked_files()(str(tmp_path), "kernel", None)
-    monkeypatch.setattr("builtins.open", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    files.save("key", "data")
-    assert "compiled kernels cannot be kept (No space left on device)" in caplog.text
+def test_a_debugger_needs_no_library(tree):
+    """Plain Python, kernels of the set-up included."""
+    assert run_of(tree, LATIN_FMU_COMPILE="setup") == (0, "")
 
 
-@pytest.fixture
-def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Base of the cache folders."""
-    monkeypatch.setenv("LATIN_FMU_CACHE", str(tmp_path / "store"))
-    with_numba.cache_folder.cache_clear()
-    yield tmp_path / "store"
-    with_numba.cache_folder.cache_clear()
-
-
-@pytest.fixture
-def small(tmp_path: Path) -> Path:
-    """A package of one kernel."""
-    (tmp_path / "package" / "cholesky").mkdir(parents=True)
-    (tmp_path / "package" / "cholesky" / "numeric.py").write_text("from .tree import x\n\n\n@kernel\ndef f(): ...\n")
-    return tmp_path / "package"
-
-
-def test_the_cache_folder_follows_the_contents(small, base, tmp_path):
-    first = with_numba.cache_folder(small)
-    assert first is not None
-    assert first.parent == base
-    assert (first / "cholesky_numeric.py").read_text() == (small / "cholesky/numeric.py").read_text()
-    again = tmp_path / "extracted again"
-    shutil.copytree(small, again)
-    assert with_numba.cache_folder(again) == first
-    (again / "notes.py").write_text("nothing compiled here\n")
-    with_numba.cache_folder.cache_clear()
-    assert with_numba.cache_folder(again) == first
-    (again / "cholesky" / "numeric.py").write_text("from .tree import x\n\n\n@kernel\ndef g(): ...\n")
-    with_numba.cache_folder.cache_clear()
-    assert with_numba.cache_folder(again) not in (None, first)
-
-
-@pytest.mark.usefixtures("base")
-def test_another_import_name_has_a_cache_folder_of_its_own(small, monkeypatch):
-    """numba could not read types of the package of an FMU back under the name of the installed one."""
-    first = with_numba.cache_folder(small)
-    with_numba.cache_folder.cache_clear()
-    monkeypatch.setattr(with_numba, "__name__", "latin_fmu_0123456789ab.compiled.with_numba")
-    assert with_numba.cache_folder(small) not in (None, first)
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
-def test_only_a_private_cache_folder_is_used(small, base):
-    folder = with_numba.cache_folder(small)
-    assert folder is not None
-    assert folder.stat().st_mode & 0o777 == base.stat().st_mode & 0o777 == 0o700
-    folder.chmod(0o777)
-    with_numba.cache_folder.cache_clear()
-    assert with_numba.cache_folder(small) is None
-    shutil.move(folder, base / "elsewhere")
-    (base / "elsewhere").chmod(0o700)
-    folder.symlink_to(base / "elsewhere")
-    assert with_numba.cache_folder(small) is None
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
-@pytest.mark.parametrize(
-    ("mode", "used"),
-    [(0o755, True), (0o777, False), (0o775, False), (0o1777, True)],
-    ids=["own", "all", "group", "sticky"],
-)
-def test_no_folder_above_the_cache_is_open_to_others(small, tmp_path, monkeypatch, mode, used):
-    """Who can write into a folder above can put his own in the place of the cache, after it was looked at."""
-    shared = tmp_path / "shared"
-    shared.mkdir()
-    shared.chmod(mode)
-    monkeypatch.setenv("LATIN_FMU_CACHE", str(shared / "store"))
-    with_numba.cache_folder.cache_clear()
-    assert (with_numba.cache_folder(small) is not None) == used
-    (tmp_path / "link").symlink_to(shared / "store")
-    monkeypatch.setenv("LATIN_FMU_CACHE", str(tmp_path / "link"))
-    with_numba.cache_folder.cache_clear()
-    assert (with_numba.cache_folder(small) is not None) == used
-    with_numba.cache_folder.cache_clear()
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
-@pytest.mark.usefixtures("base")
-def test_files_of_the_cache_are_of_this_user_alone(small):
-    folder = with_numba.cache_folder(small)
-    assert folder is not None
-    (folder / "planted.nbi").write_bytes(b"")
-    (folder / "planted.nbi").chmod(0o666)
-    with_numba.cache_folder.cache_clear()
-    assert with_numba.cache_folder(small) is None
-
-
-def test_no_cache_folder_where_none_is_wanted_or_possible(small, base, monkeypatch):
-    base.write_text("a file where the folder should be")
-    assert with_numba.cache_folder(small) is None
-    for nothing in ("0", ""):
-        monkeypatch.setenv("LATIN_FMU_CACHE", nothing)
-        with_numba.cache_folder.cache_clear()
-        assert with_numba.cache_folder(small) is None
-
-
-def test_old_cache_folders_go(small, base):
-    base.mkdir()
-    for i in range(with_numba.KEPT + 3):
-        old = base / f"{i:032x}"
-        old.mkdir()
-        os.utime(old, (i, i))
-    newest = with_numba.cache_folder(small)
-    left = {f.name for f in base.iterdir()}
-    assert len(left) == with_numba.KEPT
-    assert newest is not None
-    assert newest.name in left
-    assert f"{with_numba.KEPT + 2:032x}" in left
+def test_arguments_that_no_signature_describes_are_refused_by_name():
+    with pytest.raises(MismatchError, match="project: argument 3: an array of float32, 1-D; declared: float64, 1-D"):
+        project(np.arange(3), np.arange(2), np.ones(2, dtype=np.float32), 2.0, np.eye(2), np.empty((2, 2)))
 
 
 # what a kernel may need
@@ -584,8 +451,7 @@ def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
     """The build of a package with such an entry, up to the check."""
     code = (
         "from latin_fmu.aot import linking, lowering\n"
-        "from latin_fmu.compiled import entry, with_numba\n"
-        "with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)\n"
+        "from latin_fmu.compiled import entry\n"
         "@entry('i8')\n"
         "def talk(n):\n"
         "    print(n)\n"
@@ -604,7 +470,7 @@ def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
         capture_output=True,
         text=True,
         check=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_LIBRARY": "0"},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     named = done.stdout.split(";")[0].removeprefix("the kernels need ").strip().split(", ")
     assert "numba_gil_ensure" in named

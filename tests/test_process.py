@@ -147,7 +147,7 @@ def test_no_home_no_cache_no_terminal_locale_c(place: Path) -> None:
     """Home and cache that cannot be written to (a file stands in their place), no terminal, locale C."""
     (place / "file").write_text("")
     blocked = str(place / "file" / "below")
-    env = environment(HOME=blocked, XDG_CACHE_HOME=blocked, LATIN_FMU_CACHE=blocked, NUMBA_CACHE_DIR=blocked)
+    env = environment(HOME=blocked, XDG_CACHE_HOME=blocked)
     env |= {"MPLCONFIGDIR": blocked, "LC_ALL": "C", "TERM": "dumb", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     done = shell(place, "latin-fmu run scene.toml -o a.nc --no-estimate && latin-fmu plot a.nc -o a.png", env)
     assert done.returncode == 0, done.stderr

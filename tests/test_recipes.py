@@ -301,7 +301,7 @@ def carry_out(folder: Path, edits: Edits, *commands: list[str]) -> None:
             assert text.count(before) == 1, (name, before)
             text = text.replace(before, after)
         (folder / name).write_text(text)
-    environment = {**os.environ, "PYTHONPATH": str(folder), "LATIN_FMU_COMPILE": "setup", "LATIN_FMU_LIBRARY": "0"}
+    environment = {**os.environ, "PYTHONPATH": str(folder), "LATIN_FMU_COMPILE": "setup"}
     for command in commands:
         done = subprocess.run(
             [sys.executable, *command], cwd=folder, env=environment, capture_output=True, text=True, check=False

@@ -4,7 +4,7 @@
 
   march    march of P1, P2 and P3 (``harness``) per pass, a substructure marched over one instant once, us; with
            --former over that of a former tree of this repository, for example of ``git worktree add FOLDER e281a00``,
-           whose package is compiled by numba for the processor that the library of this package is made for
+           whose package numba (extra "kernels") compiles for the processor that the library of this package is made for
   blocks   P3 with blocks of 64 elements: march over that of the bonded mesh by the same kernels, factorised before, and
            over the time in which the processor reads the factors as often as the march does, twice an instant
   set-up   a second run of P1 and of P2: laying out the image, and all beside the march, ms

@@ -1,4 +1,4 @@
-"""Compilation of the kernels ahead of time, when a wheel is built; no part of a run.
+"""Compilation of the kernels ahead of time, when a wheel is built; a run needs neither numba nor LLVM.
 
 numba lowers every entry once, LLVM optimises all of them together and emits an object file for each target
 (``lowering``). Its undefined symbols are compared to a list, and the compiler of ``ziglang`` links it with the
@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from ..compiled import library, with_numba
+from ..compiled import library
 from ..compiled.declare import Entry, Kernel
 from ..cosim import c_runtime
 
@@ -90,9 +90,7 @@ def _make(targets: Sequence[str]) -> dict[str, bytes]:
 
     from . import linking, lowering
 
-    with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    context = lowering.start()
-    modules, exported = lowering.lower(context, declared())
+    modules, exported = lowering.lower(lowering.start(), declared())
     whole = lowering.joined(modules, exported, shared())
     plain = whole.as_bitcode()
     optimised: dict[str, bytes] = {}

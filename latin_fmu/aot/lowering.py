@@ -16,6 +16,7 @@ as they do, and it keeps others from being vectorised.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,6 +33,7 @@ from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 
 from ..compiled.declare import Argument, Block, Bundle, Entry, Scalar, Signature
+from .dispatchers import Dispatchers
 from .linking import Target
 
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
@@ -147,15 +149,27 @@ def _without_step(_context: Any, _builder: Any, kind: Any, _part: Any) -> None:
         raise TypeError("a kernel takes a slice with a step; index its entries instead")
 
 
-def start() -> Any:
-    """Replace numba's code generator in this process, its rules of indices and of counts, and its names; its target
-    context."""
+@dataclass(frozen=True)
+class FrontEnd:
+    """numba in a process that builds a library.
+
+    Attributes
+    ----------
+    context : its target context. dispatchers : what it makes of the kernels.
+    """
+
+    context: Any
+    dispatchers: Dispatchers
+
+
+def start() -> FrontEnd:
+    """Replace numba's code generator in this process, its rules of indices and of counts, and its names."""
     slicing.fix_index, slicing.fix_slice = _from_the_first, _up_to_the_end
     slicing.guard_invalid_slice = _without_step
     context = cpu_target.target_context
     context._internal_codegen = _Codegen("latin_fmu")
     context.declare_function, context.mangler = _Declaration(context), _short_name
-    return context
+    return FrontEnd(context, Dispatchers())
 
 
 def numba_type(argument: Argument) -> Any:
@@ -168,12 +182,13 @@ def numba_type(argument: Argument) -> Any:
     return types.BaseTuple.from_types([numba_type(a) for a in argument.fields], argument.cls)
 
 
-def lower(context: Any, declared: Iterable[Entry]) -> tuple[list[Any], list[str]]:
+def lower(front: FrontEnd, declared: Iterable[Entry]) -> tuple[list[Any], list[str]]:
     """LLVM modules of the entries and of all that they call, and the names to export."""
+    context = front.context
     libraries: dict[int, _Library] = {}
     wrappers, exported = [], []
     for item in declared:
-        dispatcher = item.dispatcher
+        dispatcher = front.dispatchers.of(item)
         for number, signature in enumerate(item.signatures):
             symbol = f"{item.symbol}_{number}"
             arguments = tuple(numba_type(a) for a in signature.arguments)

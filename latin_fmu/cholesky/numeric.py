@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import entry, fields, kernel, lazy_intrinsic
+from ..compiled import Intrinsic, entry, fields, kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -93,7 +93,7 @@ def _fortran_in_python(address: int, arguments: tuple[Any, ...]) -> None:
     ctypes.CFUNCTYPE(None)(int(address))(*pointers)
 
 
-fortran: Any = lazy_intrinsic(_fortran, _fortran_in_python)
+fortran: Any = Intrinsic(_fortran, _fortran_in_python)
 
 
 _TILE = 32

@@ -37,7 +37,7 @@ extra/org.fmi-standard.fmi-ls-ref. What --inputs names follows the law it had in
 The FMU is machine code and factors, and needs no Python where it runs; its time step and tolerance are those of the
 scene. --python makes one that solves the scene by a Python of its host: time step and tolerance are parameters, and a
 results file may have error estimates. It is made, with a remark, where the scene needs Python (an explicit march with
-moved faces, say) or no compiled library is installed for the version of the FMI.
+moved faces, say).
 --portable makes one for x86-64 processors without AVX2.
 --model-exchange makes a reduced model of the scene (a few modes per body, regularised contact) with the states and
 events of FMI 3 Model Exchange, for a cross-check by another integrator; co-simulation solves the scene itself.

@@ -20,7 +20,7 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from . import library, with_numba
+from . import library
 
 _SCALARS: Final = {"i8": "q", "f8": "d", "b1": "q", "f4": "d"}
 _RESULTS: Final = {None: None, "i8": ctypes.c_int64, "b1": ctypes.c_bool, "f8": ctypes.c_double}
@@ -161,7 +161,7 @@ def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]
 
 def _kind_of(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        return f"an array of {value.dtype}, {value.ndim}-D"
+        return f"{'an array' if type(value) is np.ndarray else type(value).__name__} of {value.dtype}, {value.ndim}-D"
     return type(value).__name__
 
 
@@ -185,7 +185,7 @@ def address(array: NDArray[Any]) -> int:
 Function = TypeVar("Function", bound=Callable[..., Any])
 PLAIN: Final = os.environ.get("LATIN_FMU_COMPILE") == "setup"
 """Whether the kernels of a run (``latin_fmu.kernels``) are plain Python functions, to be followed by a debugger: a
-thousand times slower. Those of the set-up stay compiled."""
+thousand times slower. Those of the set-up stay compiled where the library fits, and are plain Python elsewhere."""
 
 
 class Kernel:
@@ -193,28 +193,24 @@ class Kernel:
 
     Attributes
     ----------
-    py_func : the Python function. shared : whether its machine code is to exist once in the library.
+    py_func : the Python function. ordered : whether sums stay in the order in which they are written. shared : whether
+    its machine code is to exist once in the library.
     """
 
     shared = False
 
     def __init__(self, function: Callable[..., Any], ordered: bool = False) -> None:
         functools.update_wrapper(self, function)
-        self.py_func, self._ordered = function, ordered
-
-    @cached_property
-    def dispatcher(self) -> Any:
-        """numba's compiled function, made when it is first needed."""
-        return with_numba.dispatcher(self.py_func, self._ordered)
-
-    @property
-    def _numba_type_(self) -> Any:
-        """What numba takes this object for where another kernel calls it."""
-        return self.dispatcher._numba_type_
+        self.py_func, self.ordered = function, ordered
 
     def __call__(self, *arguments: Any) -> Any:
-        """Compiled by numba: of use to tests, and where there is no library."""
-        return self.dispatcher(*arguments)
+        """The same in Python, for kernels that tests or a debugger run there."""
+        return self.py_func(*arguments)
+
+
+def _library() -> ctypes.CDLL | None:
+    """The library; None where kernels are plain Python and none fits."""
+    return library.loaded() if PLAIN else library.needed()
 
 
 def _call_of(shared: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
@@ -224,7 +220,7 @@ def _call_of(shared: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
 
 
 class Entry(Kernel):
-    """A kernel that Python calls: in the library that was compiled with the wheel, or by numba.
+    """A kernel that Python calls: in the library that was compiled ahead of time.
 
     Attributes
     ----------
@@ -238,7 +234,7 @@ class Entry(Kernel):
 
     @cached_property
     def _calls(self) -> list[tuple[Callable[..., bytes], Callable[..., int], Any]]:
-        known = library.loaded()
+        known = _library()
         if known is None:
             return []
         return [
@@ -247,22 +243,31 @@ class Entry(Kernel):
         ]
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the library; numba where there is none, or where no signature fits."""
+        """Call the library.
+
+        Raises
+        ------
+        KernelsError : there is no library that fits. MismatchError : no signature describes the arguments.
+        """
+        if not self._calls:
+            return self.py_func(*arguments)
+        wrong = []
         for pack, call, result in self._calls:
             try:
                 slots = pack(arguments)
-            except MismatchError:
+            except MismatchError as error:
+                wrong.append(str(error))
                 continue
             out = None if result is None else result()
             # an allocation that failed: kernels raise nothing else
             if status := call(slots, None if out is None else byref(out)):
                 raise MemoryError(f"{self.symbol}: no memory for its work arrays (status {status})")
             return None if out is None else out.value
-        return self.dispatcher(*arguments)
+        raise MismatchError(f"{self.symbol}: {'; or '.join(wrong)}")
 
     def bound(self, first: Any) -> Callable[..., Any]:
         """The entry with its first argument given, see ``bound``."""
-        known = library.loaded()
+        known = _library()
         if known is None or len(self.signatures) != 1:
             return functools.partial(self, first)
         signature, prefix = self.signatures[0], list[Any]()
@@ -288,42 +293,21 @@ def bound(function: Callable[..., Any], first: Any) -> Callable[..., Any]:
     return function.bound(first) if isinstance(function, Entry) else functools.partial(function, first)
 
 
-class Later:
-    """An object of numba that kernels name, made when numba compiles: modules of kernels do not import numba."""
+class Intrinsic:
+    """A function that kernels call and whose code the build is given as instructions of LLVM.
 
-    def __init__(self, make: Callable[[], Any], in_python: Callable[..., Any] | None = None) -> None:
-        self._make, self.in_python = make, in_python
+    Attributes
+    ----------
+    define : what ``numba.extending.intrinsic`` takes; it imports what it needs of numba itself. in_python : the same
+    for kernels that are run in Python.
+    """
+
+    def __init__(self, define: Callable[..., Any], in_python: Callable[..., Any]) -> None:
+        self.define, self.in_python = define, in_python
 
     def __call__(self, *arguments: Any) -> Any:
-        """The same in Python, for kernels that tests run there."""
-        if self.in_python is None:
-            raise TypeError("this function exists in compiled kernels only")
+        """The same in Python."""
         return self.in_python(*arguments)
-
-    @cached_property
-    def made(self) -> Any:
-        """The object, made at the first use."""
-        return self._make()
-
-    @property
-    def _numba_type_(self) -> Any:
-        from numba.core.registry import cpu_target
-
-        made, context = self.made, cpu_target.typing_context
-        context.refresh()  # it may have been made after numba began to compile
-        return context.resolve_value_type(made)
-
-
-def lazy_intrinsic(define: Callable[..., Any], in_python: Callable[..., Any] | None = None) -> Any:
-    """Decorator: ``numba.extending.intrinsic`` of a function that imports what it needs of numba itself; ``in_python``
-    does the same where a kernel is run uncompiled."""
-
-    def make() -> Any:
-        from numba.extending import intrinsic
-
-        return cast(Any, intrinsic)(define)
-
-    return Later(make, in_python)
 
 
 def kernel(function: Function) -> Function:

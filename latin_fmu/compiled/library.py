@@ -1,8 +1,9 @@
 """The library of kernels that was compiled with the wheel: where it is, whether it fits.
 
 It fits where its processor extensions are there and where the sources it was compiled from are those of this package
-(a digest inside the library). It is looked for in the package, then in ``build/`` beside the package, where the build
-of a wheel leaves it in a source tree.
+(a digest inside the library): a changed kernel makes it stale, and a run an error that says how to make it anew. It is
+looked for in the package, then in ``build/`` beside the package, where ``python -m latin_fmu.aot`` leaves it in a
+source tree.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import ast
 import ctypes
 import hashlib
-import os
 import platform
 import sys
 from collections.abc import Iterable
@@ -19,9 +19,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from ..errors import KernelsError, Problem
+
 PACKAGE: Final = Path(__file__).resolve().parents[1]
-_MARKS: Final = (b"@kernel", b"@ordered_kernel", b"@entry", b"@lazy_intrinsic")  # sources that hold kernels
+_BUILD: Final = PACKAGE.parent / "build"
+_MARKS: Final = (b"@kernel", b"@ordered_kernel", b"@entry")  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})
+PORTABLE: Final = "-portable"
+"""End of the name of a target for x86-64 processors without AVX2."""
+_PROCESSOR: Final = "needs a processor with AVX2 and FMA"
 _SUFFIXES: Final = MappingProxyType({"linux": ".so", "windows": ".dll", "darwin": ".dylib"})
 
 
@@ -89,48 +95,67 @@ def digest_of(package: Path, sources: Iterable[Path], more: str = "") -> str:
 def loaded() -> ctypes.CDLL | None:
     """The library, where there is one that fits."""
     result = _search()
-    return None if isinstance(result, str) else result
+    return None if isinstance(result, list) else result
 
 
-@cache
-def reason() -> str:
-    """Why there is no library, for a log."""
+def needed() -> ctypes.CDLL:
+    """The library.
+
+    Raises
+    ------
+    KernelsError : there is none that fits: the files looked at, what is wrong with them, and how to make one.
+    """
     result = _search()
-    return result if isinstance(result, str) else "a kernel outside the compiled library is called"
-
-
-def switched_off() -> bool:
-    """Whether the library is not to be used."""
-    return os.environ.get("LATIN_FMU_LIBRARY", "1") == "0"
+    if isinstance(result, list):
+        raise KernelsError(result, "no run is possible")
+    return result
 
 
 @cache
-def _search() -> ctypes.CDLL | str:
-    if switched_off():
-        return "the compiled library is switched off (LATIN_FMU_LIBRARY=0)"
-    name = file_name(target())
-    message = f"this installation has no compiled library for {target()}"
-    # an installed library first
-    for folder in (PACKAGE, PACKAGE.parent / "build"):
-        if (folder / name).is_file():
-            result = opened(folder / name, PACKAGE)
-            if not isinstance(result, str):
-                return result
-            message = result
-    return message
+def _search() -> ctypes.CDLL | list[Problem]:
+    """The library, or why there is none. An installed one first, and of a folder the one for newer processors."""
+    problems = []
+    for folder in (PACKAGE, _BUILD):
+        for name in (target(), f"{target()}{PORTABLE}"):
+            path = folder / file_name(name)
+            if path.is_file():
+                result = opened(path, PACKAGE)
+                if not isinstance(result, str):
+                    return result
+                problems.append(Problem(str(path), result, remedy=_remedy(_PROCESSOR in result)))
+    places = " nor in ".join(map(str, dict.fromkeys((PACKAGE, _BUILD)) if _in_source_tree() else (PACKAGE,)))
+    nowhere = Problem(file_name(target()), f"the library of compiled kernels is not in {places}", remedy=_remedy())
+    return problems or [nowhere]
 
 
-def shipped() -> list[Path]:
-    """Libraries of any platform that were made from these very sources: what a copy of the package takes along."""
+def _in_source_tree() -> bool:
+    return (PACKAGE.parent / "hatch_build.py").is_file()
+
+
+def _remedy(portable: bool = False) -> str:
+    """How to get a library; ``portable`` : for a processor without AVX2."""
+    own = f"{target()}{PORTABLE}" if portable else ""
+    command = f"python -m latin_fmu.aot {own}".rstrip()
+    if _in_source_tree():
+        return f"run {command} there (minutes; it needs the packages of pip install -e '.[kernels]')"
+    if not __name__.startswith("latin_fmu."):  # the package inside an FMU has a name of its own
+        return f"make the FMU where a library for {own or target()} is: in a source tree {command} makes it"
+    if portable:
+        return f"install from a source tree (pip install -e) and run {command} there"
+    return f"install the wheel of this version for {target()}, or from the sources: pip install FOLDER"
+
+
+def shipped() -> dict[str, Path]:
+    """Libraries that were made from these very sources, by target: what a copy of the package takes along."""
     known = digest_of(PACKAGE, sources_of(PACKAGE)).encode()
     libraries = {
-        path.name: path
-        for folder in (PACKAGE.parent / "build", PACKAGE)
+        path.stem.removeprefix("_kernels-"): path
+        for folder in (_BUILD, PACKAGE)
         for path in folder.glob("_kernels-*.*")
         # libraries of other platforms cannot be loaded: their text is searched
         if path.suffix in _SUFFIXES.values() and known in path.read_bytes()
     }
-    return sorted(libraries.values())
+    return dict(sorted(libraries.items()))
 
 
 def opened(path: Path, package: Path) -> ctypes.CDLL | str:
@@ -140,14 +165,14 @@ def opened(path: Path, package: Path) -> ctypes.CDLL | str:
         sources, known = manifest(shared)
         fits: Any = shared.latin_fmu_fits
     except (OSError, AttributeError, ValueError) as error:
-        return f"the compiled library {path.name} cannot be loaded ({error})"
+        return f"the library of compiled kernels cannot be loaded ({error})"
     if not fits():
-        return "the compiled library needs a processor with AVX2 and FMA"
+        return f"the library of compiled kernels {_PROCESSOR}"
     try:
         same = digest_of(package, sources) == known
     except OSError:
         same = False
-    return shared if same else f"the compiled library {path.name} was made from other sources"
+    return shared if same else f"the library of compiled kernels was made from other sources than those in {package}"
 
 
 def manifest(shared: ctypes.CDLL) -> tuple[list[Path], str]:

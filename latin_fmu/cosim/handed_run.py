@@ -55,10 +55,9 @@ def address(array: Any) -> int:
 
 
 def _kernels() -> Any:
-    """The entry of the kernels for C: that of their library, else a function of Python that calls them."""
-    shared = None if PLAIN else library.loaded()
-    if shared is not None:
-        return ctypes.cast(shared.kernels_entries_call_0, c_void_p)
+    """The entry of the kernels for C: that of their library, or, plain Python, a function that calls them."""
+    if not PLAIN:
+        return ctypes.cast(library.needed().kernels_entries_call_0, c_void_p)
 
     def call(slots: Any, result: Any) -> int:
         block = [(slots[2 * i], slots[2 * i + 1]) for i in range(9)]
@@ -67,8 +66,7 @@ def _kernels() -> Any:
             np.frombuffer((ctypes.c_char * (item.itemsize * n)).from_address(at), item) if n else np.zeros(0, item)
             for item, (at, n) in zip(kinds, (*block[:4], block[7]), strict=True)
         ]
-        kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
-        records = (array.view(kind) for array in arrays[:3])
+        records = (array.view(np.recarray) for array in arrays[:3])  # plain Python reads fields as attributes
         try:
             done = entries.call(pools_of(*records, *arrays[3:]), *(slots[18 + i] for i in range(5)))
         except MemoryError:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..compiled import kernel, lazy_intrinsic
+from ..compiled import Intrinsic, kernel
 
 MESSAGES, PARTS_OF_ALL, NORMS_OF_ALL, COARSE, CHANGES, UNKNOWNS, MATRIX, SUM = range(8)
 LAW, TANGENTS, FORWARD, BACKWARD, OBSERVE = range(8, 13)
@@ -42,7 +42,7 @@ def _called_in_python(address: int, what: int, a: int, b: int, c: int) -> int:
     return int(CFUNCTYPE(c_int64, *[c_int64] * 4)(int(address))(int(what), int(a), int(b), int(c)))
 
 
-_call: Any = lazy_intrinsic(_called, _called_in_python)
+_call: Any = Intrinsic(_called, _called_in_python)
 
 
 @kernel

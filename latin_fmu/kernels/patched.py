@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import kernel, lazy_intrinsic
+from ..compiled import Intrinsic, kernel
 from .products import packed_product, two_norms
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ def _memory(_context: Any, block: Any, numbers: Any) -> Any:
     return kind(block, numbers), generate
 
 
-memory_for: Any = lazy_intrinsic(_memory, lambda block, numbers: block.view(numbers.dtype))
+memory_for: Any = Intrinsic(_memory, lambda block, numbers: block.view(numbers.dtype))
 """Memory of an array of float64 as one of numbers of the kind of another array: ``memory_for(block, numbers)``."""
 
 

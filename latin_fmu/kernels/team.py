@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ..compiled import kernel, lazy_intrinsic
+from ..compiled import Intrinsic, kernel
 
 LINE: Final = 8
 """Numbers in a line of the cache: arrays begin on one."""
@@ -130,12 +130,12 @@ def _place_in_python(block: Any, part: Any) -> int:
     return int(part.ctypes.data - block.ctypes.data) // 8
 
 
-read_shared: Any = lazy_intrinsic(_load, _load_in_python)
-write_shared: Any = lazy_intrinsic(_store, _store_in_python)
-add_shared: Any = lazy_intrinsic(_changed("add"), _add_in_python)
-raise_shared: Any = lazy_intrinsic(_changed("max"), _largest_in_python)
-give_way: Any = lazy_intrinsic(_yield, lambda: None)
-place_in: Any = lazy_intrinsic(_place, _place_in_python)
+read_shared: Any = Intrinsic(_load, _load_in_python)
+write_shared: Any = Intrinsic(_store, _store_in_python)
+add_shared: Any = Intrinsic(_changed("add"), _add_in_python)
+raise_shared: Any = Intrinsic(_changed("max"), _largest_in_python)
+give_way: Any = Intrinsic(_yield, lambda: None)
+place_in: Any = Intrinsic(_place, _place_in_python)
 """Place of an array in a block of memory, both of numbers of 8 bytes: ``place_in(block, array)``."""
 
 

@@ -21,11 +21,8 @@ from .parts import PointState, Unknowns, add_unknown, friction, friction_status,
 @kernel
 def value(point: PointState, traction: Array) -> None:
     """P = k_n max(0, -gap), and friction; parameters mu and k_n, N m-3."""
-    pressure = (
-        point.parameters[1]
-        * max(0.0, -(point.jump[0] + point.reach[0]))
-        / (point.rate + point.parameters[1] * point.z[0])
-    )
+    stiffness = point.parameters[1]
+    pressure = stiffness * max(0.0, -(point.jump[0] + point.reach[0])) / (point.rate + stiffness * point.z[0])
     traction[0] = -pressure
     friction(pressure, point.parameters[0], point, traction)
 

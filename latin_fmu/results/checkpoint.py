@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 import numpy as np
 
-from ..compiled import library
+from ..compiled import PLAIN, library
 from ..errors import InputError, LatinError, ResultsError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed
 from ..latin.windows import Run
@@ -41,8 +41,7 @@ _ANY: Final = 1 << 30  # instants: no limit
 
 def machine() -> str:
     """What the bits of a run depend on beside the scene and the version of the package."""
-    shared = library.loaded()
-    kernels = "compiled by numba" if shared is None else library.manifest(shared)[1][:12]
+    kernels = "in Python" if PLAIN else library.manifest(library.needed())[1][:12]
     doubles = f"doubles {np.dtype(float).str} with {np.finfo(float).nmant} bits"
     versions = f"Python {platform.python_version()}, numpy {np.__version__}"
     return f"{library.target()}, {sys.byteorder}-endian, {doubles}, kernels {kernels}, {versions}"

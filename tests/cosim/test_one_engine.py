@@ -173,7 +173,7 @@ def test_no_library_and_no_compiler_is_said(monkeypatch) -> None:
 
 
 def test_kernels_outside_the_library_make_the_same_steps() -> None:
-    """As plain Python, for a debugger; where there is no library numba's are called in the same way."""
+    """As plain Python, for a debugger."""
     code = (
         "from latin_fmu.cosim import Session\n"
         "from tests.cosim.scenes import bar\n"

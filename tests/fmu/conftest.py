@@ -20,15 +20,6 @@ from tests.cosim.scenes import blocks
 from .host import KINDS, Host
 
 
-@pytest.fixture(scope="session", autouse=True)
-def store(tmp_path_factory) -> Iterator[Path]:
-    """Compiled kernels of the FMUs: for these tests only, hosts in other processes included."""
-    folder = tmp_path_factory.mktemp("kernels")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LATIN_FMU_CACHE", str(folder))
-        yield folder
-
-
 @pytest.fixture(scope="session")
 def fmus(tmp_path_factory) -> dict[str, Path]:
     """FMU of the two blocks, by version of the FMI."""

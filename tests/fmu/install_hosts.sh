@@ -8,7 +8,7 @@ set -u
 folder=${1:?usage: install_hosts.sh FOLDER [common] [cofmupy] [gemseo]}
 shift
 [ $# -gt 0 ] || set -- common cofmupy gemseo
-needed="numpy scipy numba meshio pydantic xarray netCDF4 threadpoolctl" # by an FMU; not latin-fmu itself
+needed="numpy scipy meshio pydantic xarray netCDF4 threadpoolctl" # by an FMU; not latin-fmu itself
 limit=$(command -v timeout > /dev/null && echo "timeout 240")
 
 install() { # environment, packages

@@ -28,7 +28,7 @@ from fmu_build.build import compiled_files, write_archive
 from fmu_build.compiled import libraries
 from latin_fmu import load_scene
 from latin_fmu.compiled.library import suffix
-from latin_fmu.errors import NeedsPythonError
+from latin_fmu.errors import InputError
 from latin_fmu.scene.schema import Scene
 from tests.cosim.scenes import blocks
 
@@ -83,7 +83,7 @@ class Platform:
             return f"{self.target} cannot be run here: apt-get install {self.packages}"
         try:
             known = libraries(self.portable)
-        except NeedsPythonError:
+        except InputError:
             known = {}
         missing = [self.target] if self.target not in known else []
         missing += [NATIVE] if NATIVE not in libraries() else []

@@ -1,4 +1,4 @@
-"""A freshly extracted FMU compiles nothing: it holds the library, or finds what numba compiled before."""
+"""A freshly extracted FMU with Python holds the compiled kernels, and says so where they do not fit its host."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from typing import Any
 
 import pytest
 
+from fmu_build import build
 from latin_fmu.compiled import library
+from tests.cosim.scenes import blocks
+
+from .host import Host
 
 H = 0.6e-6
 _CODE = """
@@ -24,64 +28,52 @@ _CODE = """
     host = Host(Path({fmu!r}), Path({folder!r}))
     host.start()
     assert host.step(0.0, {h!r})
-    hits = misses = 0
-    if "numba" in sys.modules:
-        from numba.core.dispatcher import Dispatcher
-        from numba.core import registry
-        import gc
-        kernels = [value for value in gc.get_objects() if isinstance(value, Dispatcher) and value.overloads
-                   and value.py_func.__module__.startswith("latin_fmu_")]
-        hits = sum(sum(k.stats.cache_hits.values()) for k in kernels)
-        misses = sum(sum(k.stats.cache_misses.values()) for k in kernels)
-    print(json.dumps({{"hits": hits, "misses": misses, "row": host.read().tolist(), "numba": "numba" in sys.modules}}))
+    of_the_build = sorted({{"numba", "llvmlite"}} & set(sys.modules))
+    print(json.dumps({{"row": host.read().tolist(), "of the build": of_the_build}}))
     host.close()
 """
 
 
-def start(fmu: Path, folder: Path, **environment: str) -> subprocess.Popen[str]:
-    """A host of its own, in a process of its own, on a fresh extraction."""
+def result(fmu: Path, folder: Path, **environment: str) -> dict[str, Any]:
+    """What a process of its own prints, on a fresh extraction."""
     root = str(Path(__file__).parents[2])
     code = textwrap.dedent(_CODE.format(root=root, fmu=str(fmu), folder=str(folder), h=H))
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, **environment},
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env={**os.environ, **environment}
     )
-
-
-def result(process: subprocess.Popen[str]) -> dict[str, Any]:
-    out, complaints = process.communicate(timeout=1500)
-    assert process.returncode == 0, complaints
-    printed: dict[str, Any] = json.loads(out.splitlines()[-1])
+    assert done.returncode == 0, done.stderr
+    printed: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return printed
 
 
-@pytest.mark.skipif(library.loaded() is None, reason="no library for this machine")
 def test_the_library_travels_in_the_fmu(fmus, opened, tmp_path):
-    """No numba, no cache folder, and the numbers of this process."""
+    """No compiler, nothing written into the home of the host, and the numbers of this process."""
     with zipfile.ZipFile(fmus["2"]) as archive:
         assert any(library.file_name(library.target()) in name for name in archive.namelist())
     here = opened("2")
     here.start()
     assert here.step(0.0, H)
-    again = result(start(fmus["2"], tmp_path / "fresh", LATIN_FMU_CACHE=str(tmp_path / "store")))
-    assert not again["numba"]
+    home = tmp_path / "home"
+    home.mkdir()
+    again = result(fmus["2"], tmp_path / "fresh", HOME=str(home), XDG_CACHE_HOME=str(home))
+    assert again["of the build"] == []
     assert again["row"] == here.read().tolist()
-    assert not (tmp_path / "store").exists()
+    assert not list(home.iterdir())
 
 
-@pytest.mark.slow
-def test_without_a_library_the_second_extraction_compiles_nothing(fmus, tmp_path):
-    """Two hosts that compile at once share a folder; a third finds all of it."""
-    switches = {"LATIN_FMU_CACHE": str(tmp_path / "store"), "LATIN_FMU_LIBRARY": "0"}
-    both = [start(fmus["2"], tmp_path / name, **switches) for name in ("one", "two")]
-    first = [result(process) for process in both]
-    third = result(start(fmus["2"], tmp_path / "three", **switches))
-    assert third["misses"] == 0
-    assert third["hits"] > 5
-    alone = result(start(fmus["2"], tmp_path / "four", LATIN_FMU_LIBRARY="0", LATIN_FMU_CACHE="0"))
-    for other in (*first, alone):
-        assert other["misses"] > 5 or other["hits"] > 5 or other is alone
-        assert other["row"] == pytest.approx(third["row"], rel=1e-9, abs=1e-12)
+def test_a_host_without_kernels_is_told_so(tmp_path, monkeypatch):
+    """One whose processor or system is another than those of the libraries inside."""
+    whole = build.package_files()
+    bare = {name: content for name, content in whole.items() if "_kernels-" not in name}
+    assert len(bare) < len(whole)
+    monkeypatch.setattr(build, "package_files", lambda: bare)
+    host = Host(build.build_fmu(blocks(), tmp_path / "bare.fmu", python=True), tmp_path / "fmu")
+    try:
+        with pytest.raises(Exception, match=r"fmi2EnterInitializationMode|fmi2ExitInitializationMode"):
+            host.start()
+        said = " ".join(text for _, _, text in host.messages)
+        assert f"{library.file_name(library.target())}: the library of compiled kernels is not in " in said
+        assert f"make the FMU where a library for {library.target()} is: in a source tree python -m latin_f" in said
+        assert "Traceback" not in said
+    finally:
+        host.close()

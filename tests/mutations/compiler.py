@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from latin_fmu import aot
 from latin_fmu.aot import linking, lowering
-from latin_fmu.compiled import library, with_numba
+from latin_fmu.compiled import library
 from latin_fmu.compiled.declare import Kernel
 
 TARGET: Final = linking.TARGETS[aot.host() or ""]
@@ -74,9 +74,9 @@ def replaced(file: str, function: str) -> Kernel | None:
     return new
 
 
-def emitted(context: Any) -> bytes:
+def emitted(front: lowering.FrontEnd) -> bytes:
     """Object file of all kernels; those compiled before are not compiled again."""
-    modules, exported = lowering.lower(context, aot.declared())
+    modules, exported = lowering.lower(front, aot.declared())
     whole = lowering.joined(modules, exported, aot.shared())
     lowering.optimise(whole, TARGET)
     content = lowering.emit(whole, TARGET)
@@ -91,14 +91,14 @@ def link(content: bytes) -> None:
     linking.link(content, manifest, TARGET, BUILT)
 
 
-def served(context: Any, whole: bytes, file: str, function: str) -> str:
+def served(front: lowering.FrontEnd, whole: bytes, file: str, function: str) -> str:
     """Library with a changed function; what is wrong with it, empty where nothing is."""
     try:
         new = replaced(file, function)
         if new is not None:
             for kernel in callers(new):
-                vars(kernel).pop("dispatcher", None)
-        link(whole if new is None else emitted(context))
+                front.dispatchers.forget(kernel)
+        link(whole if new is None else emitted(front))
     except Exception as error:  # numba and LLVM raise many kinds
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         return f"{type(error).__name__}: {' '.join(lines[:3])}"[:200]
@@ -107,9 +107,8 @@ def served(context: Any, whole: bytes, file: str, function: str) -> str:
 
 def main() -> None:
     """Lower everything, then serve requests from standard input."""
-    with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    context = lowering.start()
-    whole = emitted(context)
+    front = lowering.start()
+    whole = emitted(front)
     link(whole)
     answer = sys.stdout
     answer.write(json.dumps("") + "\n")
@@ -118,7 +117,7 @@ def main() -> None:
         request = json.loads(line)
         reading, writing = os.pipe()
         if (child := os.fork()) == 0:
-            os.write(writing, served(context, whole, **request).encode())
+            os.write(writing, served(front, whole, **request).encode())
             os._exit(0)
         os.close(writing)
         with os.fdopen(reading, "rb") as pipe:

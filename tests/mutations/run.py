@@ -90,12 +90,7 @@ class Copy:
     def _started(self) -> subprocess.Popen[str]:
         command = [sys.executable, "-B", str(Path(__file__).with_name("compiler.py"))]
         compiler = subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=self._environment() | {"LATIN_FMU_LIBRARY": "0"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+            command, cwd=self.folder, env=self._environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         self._answer(compiler)
         return compiler
@@ -150,7 +145,7 @@ class Copy:
     def _environment(self) -> dict[str, str]:
         others = {k: v for k, v in os.environ.items() if not k.startswith("LATIN_FMU_")}
         others |= {"LATIN_FMU_COMPILE": "setup"} if self.plain else {}
-        return others | {"PYTHONPATH": str(self.folder), "LATIN_FMU_CACHE": "0", "OMP_NUM_THREADS": "1"}
+        return others | {"PYTHONPATH": str(self.folder), "OMP_NUM_THREADS": "1"}
 
     def _python(self, arguments: Sequence[str], seconds: float) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
