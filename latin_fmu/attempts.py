@@ -23,6 +23,7 @@ from .building import discretise, solver_ready
 from .checks.run_checks import with_faults
 from .effects.cost import Prediction, check_memory, least_output
 from .errors import InputError, Problems, ResultsError
+from .interface.laws import bonds
 from .joined.tied_assembly import TieError
 from .latin.outcome import Outcome, Timings
 from .machine import one_thread, peak_memory
@@ -250,7 +251,8 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
 
                 at_once = solved_at_once(scene, discretised, looks_at_bodies)
             grouped, why = None, ""
-            if not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
+            bonded = any(bonds(unit.behaviour) for unit in discretised.units)
+            if bonded and not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
                 from .effects.march_choice import cheaper_march
 
                 grouped, prediction, why = cheaper_march(discretised, prediction, restricted)

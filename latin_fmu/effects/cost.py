@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -36,7 +36,6 @@ from ..assembly.propagator_choice import (
 from ..cholesky.substitution import LANES
 from ..errors import SceneError
 from ..interface.laws import bonds
-from ..joined.bond_groups import GroupedAssembly
 from ..kernels.energy_parts import TERMS
 from ..kernels.krylov import VECTORS
 from ..latin.assembly import Array, InterfaceUnit, class_points
@@ -50,9 +49,11 @@ from ..propagator.model import SubstructureModel, operator_weights
 from ..results.writing import IN_MEMORY, STREAMED
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
-from ..sensitivities.copies import MOST
 from ..statics.statics import something_acts, static_scene
 from ..time_scheme import TimeScheme
+
+if TYPE_CHECKING:
+    from ..joined.bond_groups import GroupedAssembly
 
 OPERATIONS: Final = ("flop", "entry", "sparse", "value", "call")
 """``flop`` : multiplications of a factorisation. ``entry`` : entries of factors and condensed operators that are read.
@@ -630,6 +631,8 @@ def _derivative_bytes(p: Prediction, numbers: float) -> float:
     names = p.scene.differentiated
     if not names:
         return 0.0
+    from ..sensitivities.copies import MOST
+
     images = _IMAGE + (_VARIED if any(name.startswith("material.") for name in names) else 0.0)
     # copies of the run for the runs that check derivatives
     copies = 0 if p.scene.output.check_sensitivities == "none" else min(len(names) + 1, MOST)

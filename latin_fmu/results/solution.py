@@ -18,7 +18,6 @@ from .dataset import Recovered, datatree, result_blocks, result_groups, root_gro
 from .estimates import ErrorEstimate, TruncationError
 from .files import write_groups
 from .groups import StoredGroup, in_units
-from .sensitivities import Sensitivities
 from .sensors import (
     bolt_lines,
     bolt_report,
@@ -31,12 +30,14 @@ from .sensors import (
 )
 from .sentences import sentences, wrapped
 from .spectra import ShockSpectrum
-from .spread import Bands
 from .summary import details as details_of
 from .summary import report
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from .sensitivities import Sensitivities
+    from .spread import Bands
 
 T = TypeVar("T", covariant=True)
 
