@@ -33,7 +33,6 @@ from .results.checkpoint import scene_digest
 from .results.estimates import TruncationError
 from .results.writing import check_folder
 from .scene.schema import Scene
-from .statics.free_bodies import loss_of_equilibrium
 
 if TYPE_CHECKING:
     from .sensitivities.tangents import Tangents
@@ -271,6 +270,8 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
         if attempt.modes_refused:
             problem = _marched_by_bodies(problem, [attempt.modes_refused])
         if scene.time.quasi_static:
+            from .statics.free_bodies import loss_of_equilibrium
+
             lost = loss_of_equilibrium(discretised)
             problem.assembly.lost = lost
             if problem.reduced is not None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +15,11 @@ from .assembly.bolts import BoltCut, cuts_of, section_remarks
 from .assembly.conditions import Conditions, conditions_on
 from .assembly.driven_starts import check_driven_starts
 from .assembly.inactive_substructures import arrival_times, cut_by_arrival, marched_share
-from .assembly.initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
+from .assembly.initial_state import InitialState, check_fields, field_remarks, initial_problems
 from .assembly.interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
 from .assembly.merged_assembly import loop_remarks
-from .assembly.models import Kept, KeptOperators, scheme_remarks, store_of
-from .assembly.press_fits import carried, fits
+from .assembly.models import KeptOperators, scheme_remarks, store_of
+from .assembly.press_fits import carried
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .assembly.propagator_choice import box_memory
 from .assembly.rigid_landings import rigid_landings
@@ -49,26 +48,11 @@ from .scene.ports import Port
 from .scene.raw_scene import CENTRAL
 from .scene.schema import Scene
 from .scene.settings import GivenStart, HHTTable, ModalPropagatorTable, ReducedPropagatorTable
-from .statics.displaced_starts import displaced_start
-from .statics.free_bodies import acting, free_groups, free_remarks, unheld, with_place
-from .statics.places_at_rest import least_displaced
-from .statics.statics import (
-    Stage,
-    fitted,
-    loose_bolts,
-    start_data,
-    start_problems,
-    start_remarks,
-    static_size,
-    static_state,
-    tightened,
-)
 
 if TYPE_CHECKING:
     from .joined.bond_groups import GroupedAssembly
     from .joined.damping_band import DampingBand
-
-_LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
+    from .statics.statics import Stage
 
 
 def build(
@@ -101,7 +85,11 @@ def solver_ready(
     ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
     whether the assembly is marched by its modes. at_once : whether one without inertia is solved over all bodies
     together, where it can be. grouped : the substructures where bonded bodies are one, None where they are not."""
-    start = starting_equilibrium(discretised, amplitudes, stages)
+    start = None
+    if discretised.scene.time.start.type == "static":
+        from .statics.starts import starting_equilibrium
+
+        start = starting_equilibrium(discretised, amplitudes, stages)
     if at_once:
         from .statics.static_fields import static_problem_at_once
 
@@ -121,58 +109,6 @@ def solver_ready(
         except TieError as error:
             return replace(discretised.build(start), bonds=f"iterated: {error}")
     return discretised.build(start, processes=processes)
-
-
-def starting_equilibrium(
-    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
-) -> InitialState | None:
-    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
-    solved for it is added to ``stages``. It is read from the folder of operators where it is stored there."""
-    return displaced_start(discretised, undisplaced_equilibrium(discretised, amplitudes, stages))
-
-
-def undisplaced_equilibrium(
-    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
-) -> InitialState | None:
-    """``starting_equilibrium`` without the initial displacements that are added to it."""
-    if discretised.scene.time.start.type != "static":
-        return None
-    store = store_of(discretised.scene)
-    # derivatives need what was solved; laws of the caller have no digest
-    if stages is not None or store.folder is None or not all(map(_own_law, discretised.units)):
-        return solved_equilibrium(discretised, amplitudes, stages)
-    name = store.name("start", *start_data(discretised, amplitudes))
-    # a state of a few numbers may have taken minutes
-    made = store.remember(name, lambda: state_arrays(solved_equilibrium(discretised, amplitudes, None)), smallest=0)
-    return state_of(made)
-
-
-def _own_law(unit: InterfaceUnit) -> bool:
-    """Whether the law of an interface is one of the package."""
-    return type(unit.behaviour).__module__.startswith(f"{__name__.partition('.')[0]}.")
-
-
-def solved_equilibrium(
-    discretised: DiscretisedProblem,
-    amplitudes: Mapping[str, float],
-    stages: list[Stage] | None = None,
-    kept: Kept | None = None,
-) -> InitialState | None:
-    """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
-    own: Kept = {} if kept is None else kept
-    tight = fitted(discretised, own, stages) if fits(discretised.units) else None
-    tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
-    state = static_state(discretised, amplitudes, tight, own, stages)
-    # without inertia the places follow from increment to increment
-    if state is not None and not discretised.scene.time.quasi_static:
-        state = least_displaced(discretised, state, static_size(discretised, amplitudes))
-    if stages is not None or kept is not None:
-        return state
-    own.clear()
-    # runs and their images refer to each other: without this the static factors stay beside those of the march
-    if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:
-        gc.collect()
-    return state
 
 
 def _attached(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict[str, Body]:
@@ -229,21 +165,16 @@ def discretise(
     problems += [*rigid_landings(scene, bodies, units), *rotation_problems(scene, bodies, conditions, units)]
     _check_conditions(scene, bodies, conditions, problems, remarks)
     # free bodies are looked for only where nothing else is wrong: their motions need sound conditions
-    if scene.time.quasi_static and not problems:
-        groups = free_groups(bodies, conditions, units)
-        instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-        problems += unheld(groups, acting(scene, bodies, instants[1:]), conditions, "quasi_static")
-        if groups and not problems:
-            conditions = with_place(groups, bodies, conditions, units)
-            remarks += remarks_of("free", free_remarks(groups))
-    elif scene.time.start.type == "static" and not problems:
-        problems += start_problems(scene, bodies, conditions, units)
-        if not problems:
-            remarks += remarks_of("free", start_remarks(scene, bodies, conditions, units))
+    if (scene.time.quasi_static or scene.time.start.type == "static") and not problems:
+        from .statics.starts import checked_equilibrium
+
+        conditions = checked_equilibrium(scene, bodies, conditions, units, problems, remarks)
     if not problems:
         problems += _damping_problems(scene, bodies, conditions, units)
     cuts = cuts_of(scene, bodies, conditions, units, problems, notes) if scene.bolt else {}
     if cuts and not problems:
+        from .statics.statics import loose_bolts
+
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
     _stop_at(problems)
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
@@ -267,8 +198,13 @@ def start_state(scene: Scene) -> InitialState | None:
     """The equilibrium with tight bolts under what acts at t = 0; None for a scene without bolts and static start."""
     if not (scene.bolt or scene.time.start.type == "static"):
         return None
+    from .statics.starts import undisplaced_equilibrium
+    from .statics.statics import tightened
+
     discretised = discretise(scene)
-    return tightened(discretised, {}) if scene.time.quasi_static else undisplaced_equilibrium(discretised, {})
+    if scene.time.quasi_static:
+        return tightened(discretised, {})
+    return undisplaced_equilibrium(discretised, {})
 
 
 def _damped(scene: Scene, remarks: list[Remark]) -> Scene:

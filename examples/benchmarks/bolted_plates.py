@@ -197,8 +197,9 @@ def measured(size: float, instants: int, solver: dict[str, Any], profile: bool) 
     """Seconds of the processor of every step, peak memory, bytes, and numbers of the run, in this process."""
     import latin_fmu
     from latin_fmu.api import run
-    from latin_fmu.building import discretise, starting_equilibrium
+    from latin_fmu.building import discretise
     from latin_fmu.latin.outcome import Timings
+    from latin_fmu.statics.starts import starting_equilibrium
 
     found: dict[str, float] = {}
     clocks = [time.process_time()]

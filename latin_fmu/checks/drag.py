@@ -25,7 +25,6 @@ from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from ..statics.free_bodies import free_groups
 
 LARGEST: Final = 0.01
 """Share of a force, or of a momentum, up to which the drag is allowed without a word."""
@@ -42,6 +41,8 @@ def drag_problems(
     drags = {n: b.shape.material.drag for n, b in bodies.items() if b.shape.material.frame is None}
     if scene.time.quasi_static or not any(drags.values()):
         return
+    from ..statics.free_bodies import free_groups
+
     yield from _driven(scene, bodies, units, drags)
     # a contact may open: it holds nothing
     joined = [unit for unit in units if not unit.behaviour.opens]

@@ -28,7 +28,6 @@ from ..fem.mesh import Array
 from ..latin.assembly import InterfaceUnit
 from ..scene.fields import split_face
 from ..scene.schema import Scene
-from ..statics.free_bodies import HELD, allowed_motions
 
 _ALONG: Final = ("normal_stiffness", "normal_viscosity")
 _THICK: Final = 1e-3  # of the size of the smaller body; bonded faces have to be as close
@@ -101,6 +100,8 @@ def _free_motions(
 ) -> dict[str, Array]:
     """Rigid motions (3 n_node, n) of bodies as one, which neither their conditions nor joints to the ground hinder;
     rotations of 1 rad."""
+    from ..statics.free_bodies import HELD, allowed_motions
+
     centre = np.mean([body.mesh.nodes.mean(axis=0) for body in bodies.values()], axis=0)
     size = max(float(np.abs(body.mesh.nodes - centre).max()) for body in bodies.values())
     modes = {name: rigid_modes(body.mesh.nodes, centre, size) for name, body in bodies.items()}

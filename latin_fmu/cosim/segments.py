@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..building import discretise, starting_equilibrium
+from ..building import discretise
 from ..errors import InputError, Problem, SceneError
 from ..fem.mesh import Array
 from ..latin.assembly import Assembly, GroundState
@@ -26,6 +26,7 @@ from ..propagator.base import full_displacement, full_velocity
 from ..propagator.forcing import STRAIN, MotionState
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
+from ..statics.starts import starting_equilibrium
 
 _ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
 RUNNING: Final = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")

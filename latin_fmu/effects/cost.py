@@ -49,7 +49,6 @@ from ..propagator.model import SubstructureModel, operator_weights
 from ..results.writing import IN_MEMORY, STREAMED
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
-from ..statics.statics import something_acts, static_scene
 from ..time_scheme import TimeScheme
 
 if TYPE_CHECKING:
@@ -262,6 +261,8 @@ def _increments(discretised: DiscretisedProblem) -> int:
     scene, start = discretised.scene, discretised.scene.time.start
     if start.type != "static":
         return 0
+    from ..statics.statics import something_acts, static_scene
+
     orders = len({cut.table.order for cut in discretised.cuts.values()})
     loaded = not scene.time.quasi_static and something_acts(static_scene(scene, {}))
     return start.increments * (orders + loaded)

@@ -21,7 +21,7 @@ from ..assembly.initial_state import InitialState, TightBolts
 from ..assembly.models import Kept, KeptOperators, ModelClass, same_operators
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import chosen_propagators, made_propagators
-from ..building import discretise, solved_equilibrium
+from ..building import discretise
 from ..errors import LatinError
 from ..latin.assembly import Array, Assembly, Index, InterfaceUnit, Layout
 from ..latin.outcome import BoltHistory, InterfaceHistory, SensorHistory, Timings
@@ -35,6 +35,7 @@ from ..propagator.model import share_operators
 from ..scene.fields import GROUND
 from ..scene.schema import Scene
 from ..statics.displaced_starts import displaced_start
+from ..statics.starts import solved_equilibrium
 from ..statics.statics import Stage
 from ..time_scheme import QuasiStatic
 

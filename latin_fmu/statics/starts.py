@@ -1,0 +1,103 @@
+"""The state that a run starts from, where its scene asks for an equilibrium: bolts tightened, loads of t = 0 applied,
+bodies that it leaves free in their places, initial displacements added."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from ..assembly.body import Body
+from ..assembly.conditions import Conditions
+from ..assembly.initial_state import InitialState, state_arrays, state_of
+from ..assembly.models import Kept, store_of
+from ..assembly.press_fits import fits
+from ..assembly.problem import DiscretisedProblem
+from ..errors import Problems
+from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark, remarks_of
+from ..scene.schema import Scene
+from .displaced_starts import displaced_start
+from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
+from .places_at_rest import least_displaced
+from .statics import Stage, fitted, start_data, start_problems, start_remarks, static_size, static_state, tightened
+
+_LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
+
+
+def checked_equilibrium(
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: dict[str, Conditions],
+    units: list[InterfaceUnit],
+    problems: Problems,
+    remarks: list[Remark],
+) -> dict[str, Conditions]:
+    """The conditions with a place for bodies that nothing holds, of a scene without inertia or with a static start;
+    loads that nothing holds are added to ``problems``."""
+    if scene.time.quasi_static:
+        groups = free_groups(bodies, conditions, units)
+        instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        problems += unheld(groups, acting(scene, bodies, instants[1:]), conditions, "quasi_static")
+        if groups and not problems:
+            remarks += remarks_of("free", free_remarks(groups))
+            return with_place(groups, bodies, conditions, units)
+        return conditions
+    problems += start_problems(scene, bodies, conditions, units)
+    if not problems:
+        remarks += remarks_of("free", start_remarks(scene, bodies, conditions, units))
+    return conditions
+
+
+def starting_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> InitialState | None:
+    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``building.build``). What
+    was solved for it is added to ``stages``. It is read from the folder of operators where it is stored there."""
+    return displaced_start(discretised, undisplaced_equilibrium(discretised, amplitudes, stages))
+
+
+def undisplaced_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> InitialState | None:
+    """``starting_equilibrium`` without the initial displacements that are added to it."""
+    if discretised.scene.time.start.type != "static":
+        return None
+    store = store_of(discretised.scene)
+    # derivatives need what was solved; laws of the caller have no digest
+    if stages is not None or store.folder is None or not all(map(_own_law, discretised.units)):
+        return solved_equilibrium(discretised, amplitudes, stages)
+    name = store.name("start", *start_data(discretised, amplitudes))
+    # a state of a few numbers may have taken minutes
+    made = store.remember(name, lambda: state_arrays(solved_equilibrium(discretised, amplitudes, None)), smallest=0)
+    return state_of(made)
+
+
+def _own_law(unit: InterfaceUnit) -> bool:
+    """Whether the law of an interface is one of the package."""
+    return type(unit.behaviour).__module__.startswith(f"{__name__.partition('.')[0]}.")
+
+
+def solved_equilibrium(
+    discretised: DiscretisedProblem,
+    amplitudes: Mapping[str, float],
+    stages: list[Stage] | None = None,
+    kept: Kept | None = None,
+) -> InitialState | None:
+    """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
+    own: Kept = {} if kept is None else kept
+    tight = fitted(discretised, own, stages) if fits(discretised.units) else None
+    tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
+    state = static_state(discretised, amplitudes, tight, own, stages)
+    # without inertia the places follow from increment to increment
+    if state is not None and not discretised.scene.time.quasi_static:
+        state = least_displaced(discretised, state, static_size(discretised, amplitudes))
+    if stages is not None or kept is not None:
+        return state
+    own.clear()
+    # runs and their images refer to each other: without this the static factors stay beside those of the march
+    if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:
+        gc.collect()
+    return state
