@@ -11,9 +11,9 @@ import pytest
 import scipy.sparse as sp
 
 import latin_fmu
-from latin_fmu import building
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import STEEL, Box, column
+from latin_fmu.statics import starts
 from tests.scenes import solve
 
 Tables = dict[str, Any]
@@ -64,7 +64,7 @@ def held_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
         kept = np.setdiff1d(np.arange(own.expansion.shape[1]), own.expansion[dofs].indices)
         return conditions | {"b1": replace(own, expansion=sp.csr_array(own.expansion[:, kept]))}
 
-    monkeypatch.setattr(building, "with_place", by_hand)
+    monkeypatch.setattr(starts, "with_place", by_hand)
 
 
 @pytest.mark.parametrize("behaviour", ["contact", "perfect"])
