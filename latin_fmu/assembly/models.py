@@ -20,7 +20,6 @@ from pydantic import BaseModel
 
 from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
-from ..fem.location import MeanMotion
 from ..latin.assembly import Array, Index, InterfaceUnit
 from ..operator_store import NO_STORE, OperatorStore, store_at
 from ..propagator import LoadTerm, Propagator, SubstructureModel
@@ -31,6 +30,7 @@ from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import AutomaticScheme, ModalPropagatorTable, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, MaxwellBranches, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
+from .loaded_faces import BodyFace
 
 _OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start", "imposed_speed"))
 """Fields of a model that no operator depends on."""
@@ -497,23 +497,11 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
         terms.append(LoadTerm(GRAVITY, _weight(body, scene.gravity.acceleration, layer)))
     terms += [LoadTerm(n, t.change * body.shape.thermal_load) for n, t in scene.temperatures_of(name).items()]
     for load_name, load in scene.loads.items():
-        substructure, face_name = split_face(load.face)
-        if substructure != name:
+        if split_face(load.face)[0] != name:
             continue
-        face = body.face(face_name)
-        traction = load.uniform_traction(float(face.areas.sum()))
-        if traction is None:
-            nodal = -(load.pressure or 0.0) * face.vector_areas  # against the outward normal
-        else:
-            nodal = face.areas[:, None] * np.asarray(traction)
+        loaded = BodyFace.of({name: body}, load.face)
         pattern = np.zeros((body.mesh.n_node, 3))
-        pattern[face.nodes] = nodal
-        if load.moment is not None or load.point is not None:
-            motion = MeanMotion.of_face(body.mesh.nodes, face)
-            assert motion.rotation is not None
-            x, y, z = motion.centre.tolist()
-            # the forces of the mean motion that give the moment and no resultant
-            pattern += (motion.rotation.T @ np.asarray(load.moment_about((x, y, z)))).reshape(-1, 3)
+        pattern[loaded.face.nodes] = load.nodal_forces(loaded)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms
 

@@ -36,6 +36,7 @@ from .body import Body, body_sides, branches_of, flexibility, side_impedance, si
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress
 from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
+from .loaded_faces import BodyFace
 from .models import (
     ContactLayer,
     Kept,
@@ -665,8 +666,7 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
 def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> Iterator[float]:
     """Largest traction of each load, Pa; the amplitude of an input, known only later, counts as 1 at least."""
     for load in scene.loads.values():
-        substructure, face = split_face(load.face)
-        yield load.size(float(bodies[substructure].face(face).areas.sum())) * _largest(load.law, time)
+        yield load.largest_traction(BodyFace.of(bodies, load.face)) * _largest(load.law, time)
 
 
 def _preloads(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[float]:

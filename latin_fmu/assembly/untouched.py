@@ -39,6 +39,7 @@ from ..scene.fields import split_face
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .body import Body, body_sides
+from .loaded_faces import BodyFace
 
 MOST = 64e6
 """Bytes of the histories of all interfaces up to which bodies are left out: larger ones go to a file instant by
@@ -208,11 +209,7 @@ class _Way:
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         self._end, self._speed, self._impulses = scene.time.end, 0.0, list[Array]()
         for load in scene.loads.values():
-            name, loaded = split_face(load.face)
-            face = bodies[name].face(loaded)
-            given = load.uniform_traction(area := float(face.areas.sum()))
-            # the mean traction of a pressure: its parts on opposite facets cancel
-            mean = (load.pressure or 0.0) * face.vector_areas.sum(axis=0) / area if given is None else np.asarray(given)
+            mean = load.mean_traction(BodyFace.of(bodies, load.face))
             self._impulses.append(mean * float(np.trapezoid(np.abs(load.law.sample(time)), time)))
         for body in bodies.values():
             described = body.description
@@ -221,7 +218,7 @@ class _Way:
         driven = any(isinstance(boundary, Driven) for boundary in scene.boundary.values())
         pushed = any(any(body.description.body_force) or body.description.initial_fields for body in bodies.values())
         moved = any(i.ground_velocity is not None or i.initial_pressure(1.0) for i in scene.interface.values())
-        turned = any(load.moment is not None for load in scene.loads.values())
+        turned = any(load.turns() for load in scene.loads.values())
         # what has no impulse of its own: as if the largest traction acted from start to end
         self._any = traction * self._end if driven or pushed or moved or turned or scene.port else 0.0
         self._softest = max((1.0 / b.shape.impedances[0] for b in bodies.values() if not b.rigid), default=0.0)

@@ -246,14 +246,8 @@ def _amount(scene: Scene, value: float | Array, unit: str) -> str:
 def _loads(scene: Scene, bodies: Mapping[str, Body], everything: Array, length: float) -> Iterator[_Vector]:
     for name, load in scene.load.items():
         centre, normal = _middle(bodies, load.face)
-        if load.pressure is not None:
-            # pressure against the normal; of size 0 drawn as if positive
-            direction = -np.sign(load.pressure or 1.0) * normal
-            text = readable(load.pressure, scene.unit_system.label("Pa"), 3, figure=True)
-        else:
-            turns = load.force is None and load.traction is None
-            direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
-            text = _amount(scene, direction, "N m" if turns else "Pa" if load.force is None else "N")
+        direction = load.arrow(normal)
+        text = readable(load.amount, scene.unit_system.shown(load.unit), 3, figure=True)
         # how far the assembly reaches ahead of the face
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way

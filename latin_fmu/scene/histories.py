@@ -119,12 +119,7 @@ _DRIVEN: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s
 def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
     """Place of every law, the law, unit and size of what it multiplies."""
     for name, load in scene.load.items():
-        if load.force is None and load.moment is not None:
-            yield f"load.{name}.law", load.law, "N m", _norm(load.moment)
-        elif load.force is not None:
-            yield f"load.{name}.law", load.law, "N", _norm(load.force)
-        else:
-            yield f"load.{name}.law", load.law, "Pa", _norm(load.traction or load.pressure or 0.0)
+        yield f"load.{name}.law", load.law, load.unit, abs(load.amount)
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, Driven):
             yield f"boundary.{name}.law", boundary.law, _DRIVEN[boundary.type], _norm(boundary.value)

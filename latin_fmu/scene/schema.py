@@ -19,21 +19,20 @@ from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of
+from .loads import Load, load_problems, load_unit
 from .materials import MaterialTable, material_problems
 from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
-from .raw_scene import given, named_tables, oversized_integers, plain, single_table
+from .raw_scene import named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Fmu, Output, Solver, Time, settings_problems, with_defaults
 from .spread import Distribution, SpreadTable, flat, spread_problems
 from .substructures import (
     Gravity,
-    Load,
     MeshParts,
     Motion,
     Substructure,
     Temperature,
-    load_problems,
     substructure_problems,
     temperature_problems,
 )
@@ -161,8 +160,7 @@ _UNITS_OF: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m
 def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
     """Place of every law, the law as written, and the unit of what it multiplies."""
     for name, load in named_tables(raw, "load").items():
-        own = "N" if given(load, "force") else "N m" if given(load, "moment") else "Pa"
-        yield f"load.{name}.law", load.get("law"), own
+        yield f"load.{name}.law", load.get("law"), load_unit(load)
     for name, boundary in named_tables(raw, "boundary").items():
         yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
     yield from port_laws(raw)
