@@ -15,18 +15,8 @@ from .records import FEWEST_SAMPLES, inside_run, misfits, peak_of
 from .unit_texts import names_for, si_unit, words_for
 from .units import UnitSystem
 
-_INTEGRALS: Final = {
-    "N": "N s",
-    "N m": "N m s",
-    "Pa": "Pa s",
-    "m": "m s",
-    "m s-1": "m",
-    "m s-2": "m s-1",
-    "N m-3": "N s m-3",
-    "K": "K s",
-    "rad s-1": "rad",
-}
-"""Units of integrals over time, by that of the quantity; UDUNITS."""
+_INTEGRALS: Final = {"m s-1": "m", "m s-2": "m s-1", "N m-3": "N s m-3", "rad s-1": "rad"}
+"""Units of integrals over time that are not those of the quantity times s, by that of the quantity; UDUNITS."""
 _FIRST_SAMPLES: Final = 2  # inside the run, of a record
 
 
@@ -68,7 +58,7 @@ class SceneHistory:
         named = self.law.units[1]
         if isinstance(named, str) and si_unit(named) == self.unit and factor(named, units) != 1.0:
             peak = f"{found['peak'] / factor(named, units):.4g} {named} ({peak})"
-        integral = f"{found['integral']:.4g} {units[_INTEGRALS[self.unit]]}"
+        integral = f"{found['integral']:.4g} {units[_INTEGRALS.get(self.unit, f'{self.unit} s')]}"
         first, last = found["span"]
         inside = f"from {first:.4g} to {last:.4g} s of 0 to {self.end:.4g} s, {found['samples']} samples"
         words = f"{self.law.file}, {self.law.read_as}" if self.law.read_as else self.law.file

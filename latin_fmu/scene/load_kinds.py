@@ -119,7 +119,7 @@ class LoadKind(SceneTable):
         return mean
 
 
-class Pressure(LoadKind):
+class PressureLoad(LoadKind):
     """A `pressure` is positive in compression: its traction is -p n, n the outward normal."""
 
     chosen_by: ClassVar[tuple[str, ...]] = ("pressure",)
@@ -158,7 +158,7 @@ class Pressure(LoadKind):
             yield f"{text}; turn the sign if it is to press"
 
 
-class Traction(LoadKind):
+class TractionLoad(LoadKind):
     """A `traction` is the same on the whole face."""
 
     chosen_by: ClassVar[tuple[str, ...]] = ("traction",)
@@ -183,7 +183,7 @@ class Traction(LoadKind):
         return np.asarray(self.to_global(self.traction or (0.0, 0.0, 0.0)), dtype=float)
 
 
-class Resultant(LoadKind):
+class ResultantLoad(LoadKind):
     """A `force` is spread evenly over the face; at a `point` off its centre, and a `moment`, alone or with a force, by
     tractions that grow from the centre, as through a distributing coupling."""
 

@@ -12,15 +12,24 @@ from ..errors import Problem
 from .describe import unit_of
 from .fields import LocalAxes, about
 from .laws import ConstantLaw, Law
-from .load_kinds import Array, GlobalVector, LoadedFace, LoadEstimate, LoadKind, Pressure, Resultant, Traction
+from .load_kinds import (
+    Array,
+    GlobalVector,
+    LoadedFace,
+    LoadEstimate,
+    LoadKind,
+    PressureLoad,
+    ResultantLoad,
+    TractionLoad,
+)
 from .raw_scene import RawTable, exactly_one, face_problems, given, named_tables
 
 
 class Load(
-    # keys stand in the reference from the last kind to the first
-    Resultant,
-    Traction,
-    Pressure,
+    # the kinds, that of the last keys of the table first
+    ResultantLoad,
+    TractionLoad,
+    PressureLoad,
 ):
     """A load on a face, times a law, of exactly one kind. Loads on one face add up."""
 
