@@ -167,8 +167,7 @@ def never_touched(
     """
     output, time = scene.output, scene.time
     stored = output.keeps_fields or output.stress or output.recovers or output.reactions
-    everywhere = scene.gravity is not None or scene.temperature
-    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or everywhere:
+    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or scene.straining:
         return frozenset()
     if stored or output.interfaces_every > 1 or scene.bolt or scene.solver.skip_at_rest == "off":
         return frozenset()
@@ -193,7 +192,8 @@ def _rests(scene: Scene, body: Body) -> bool:
     named = {split_face(face)[0] for face in faces} | {port.body for port in scene.port.values()}
     named |= {sensor.body for sensor in scene.sensor.values()}
     held = all(isinstance(b, Fixed | Symmetry) for b in scene.boundaries_of(name).values())
-    return held and name not in named and not described.initial_keys and not any(described.body_force)
+    loaded = any(load.acts_on(name, scene.substructure[name]) for load in scene.body_loads)
+    return held and name not in named and not described.initial_keys and not loaded
 
 
 def _stays_open(unit: InterfaceUnit, own: set[str], way: float) -> bool:
@@ -216,7 +216,7 @@ class _Way:
             spin = float(np.linalg.norm(described.initial_spin)) * body.mesh.size
             self._speed = max(self._speed, float(np.linalg.norm(described.initial_velocity)) + spin)
         driven = any(isinstance(boundary, Driven) for boundary in scene.boundary.values())
-        pushed = any(any(body.description.body_force) or body.description.initial_fields for body in bodies.values())
+        pushed = bool(scene.body_loads) or any(body.description.initial_fields for body in bodies.values())
         moved = any(i.ground_velocity is not None or i.initial_pressure(1.0) for i in scene.interface.values())
         turned = any(load.turns() for load in scene.loads.values())
         # what has no impulse of its own: as if the largest traction acted from start to end

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import Problem
+from .body_loads import body_loads_of
 from .boundaries import Driven
 from .laws import CsvLaw
 from .number_files import factor
@@ -117,15 +118,11 @@ def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
         along, about = INPUT_UNITS[port.causality == "motion_in"]
         for component, law in port.laws.items():
             yield f"port.{name}.laws.{component}", law, along if component in TRANSLATIONS else about, 1.0
-    for name, body in scene.substructure.items():
-        yield f"substructure.{name}.body_force_law", body.body_force_law, "N m-3", _norm(body.body_force)
     for name, interface in scene.interface.items():
         if (ground := interface.ground_velocity) is not None:
             yield f"interface.{name}.ground_velocity.law", ground.law, "m s-1", abs(ground.amplitude)
-    if scene.gravity is not None:
-        yield "gravity.law", scene.gravity.law, "m s-2", _norm(scene.gravity.acceleration)
-    for name, temperature in scene.temperature.items():
-        yield f"temperature.{name}.law", temperature.law, "K", abs(temperature.change)
+    for acting in body_loads_of(scene):
+        yield acting.kind.place(acting.of), acting.law, acting.kind.unit, acting.amount
 
 
 def history_lines(scene: Any) -> list[str]:
