@@ -28,6 +28,7 @@ from .scene.initial_fields import DisplacementFile, VelocityFile
 from .scene.initial_fields import InitialStateTable as InitialState
 from .scene.interfaces import ContactSearch, GroundPlane, GroundVelocity, Interface
 from .scene.laws import ConstantLaw, CsvLaw, HalfSineLaw, InputLaw, RectangularPulseLaw, StepLaw, TableLaw
+from .scene.loads import Load
 from .scene.materials import MaterialTable as Material
 from .scene.materials import OrthotropicTable as Orthotropic
 from .scene.ports import Port
@@ -62,7 +63,7 @@ from .scene.settings import NewmarkTable as Newmark
 from .scene.settings import ReducedPropagatorTable as ReducedPropagator
 from .scene.settings import RowTable as Row
 from .scene.substructures import BoxTable as Box
-from .scene.substructures import Gravity, Load, MeshFile, MeshParts, Motion, Substructure, Temperature
+from .scene.substructures import Gravity, MeshFile, MeshParts, Motion, Substructure, Temperature
 from .scene.substructures import ModalDampingTable as ModalDamping
 
 __all__ = [

@@ -1,5 +1,6 @@
 """Recipes of CONTRIBUTING, carried out in a copy of the sources: an interface law, friction with cohesion; outputs of
-the FMU, the shear force of an interface and the acceleration of a sensor; an input of the FMU, wind on a face.
+the FMU, the shear force of an interface and the acceleration of a sensor; an input of the FMU, wind on a face; a kind
+of load, the pressure of a liquid.
 
 The kernels of the copy are plain Python, so that nothing is compiled.
 """
@@ -293,6 +294,125 @@ assert np.array_equal(image.outputs(1), inputs)
 """
 
 
+FLUID = '''"""The pressure of a liquid on a face: it grows linearly from a level on."""
+
+from collections.abc import Iterator
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from .fields import Vector, about
+from .load_kinds import Array, LoadedFace, LoadEstimate, LoadKind
+
+
+class FluidLoad(LoadKind):
+    """A `liquid` presses with the pressure g . (x - level) at the place x."""
+
+    chosen_by: ClassVar[tuple[str, ...]] = ("liquid",)
+
+    liquid: Annotated[Vector | None, about("growth of the pressure along x, y, z", "Pa m-1")] = None
+    level: Annotated[Vector, about("a place without pressure", "m")] = (0.0, 0.0, 0.0)
+
+    def nodal_forces(self, face: LoadedFace, /) -> Array:
+        """The pressure at each node, against the normal."""
+        return -self._pressure(face)[:, None] * face.vector_areas
+
+    def largest_traction(self, face: LoadedFace, /) -> float:
+        """The pressure at the deepest node."""
+        return float(np.abs(self._pressure(face)).max())
+
+    def arrow(self, normal: Array, /) -> Array:
+        """Against the normal."""
+        return -normal
+
+    def turns(self) -> bool:
+        """The pressure of one end is larger than that of the other."""
+        return True
+
+    def doubts(self, estimate: LoadEstimate, /) -> Iterator[str]:
+        """A liquid that is no heavier than air."""
+        if estimate.small:
+            yield f"a liquid that presses with {estimate.stress} at most is thinner than any"
+
+    def _pressure(self, face: LoadedFace) -> Array:
+        pressure: Array = (face.points - np.asarray(self.level)) @ np.asarray(self.liquid or (0.0, 0.0, 0.0))
+        return pressure
+'''
+KIND: Edits = {
+    "latin_fmu/scene/loads.py": [
+        (
+            "from .laws import ConstantLaw, Law\n",
+            "from .fluid_load import FluidLoad\nfrom .laws import ConstantLaw, Law\n",
+        ),
+        ("first\n    ResultantLoad,\n", "first\n    FluidLoad,\n    ResultantLoad,\n"),
+    ]
+}
+RUN_KIND = """
+import numpy as np, latin_fmu, pathlib
+from matplotlib.text import Text
+from latin_fmu.assembly.body import build_bodies
+from latin_fmu.assembly.loaded_faces import BodyFace
+from latin_fmu.checks.plausibility import _load_remarks
+from latin_fmu.cosim import Session
+from latin_fmu.effects.explanation import explain
+from latin_fmu.errors import Problems, SceneError
+from latin_fmu.pictures.assembly_picture import _loads, assembly_figure
+from latin_fmu.scene.histories import history_lines
+from latin_fmu.scene.reference import reference_schema, reference_text
+from latin_fmu.stability.scenes import STEEL, Box, column
+
+SIDE, STEEP = 0.01, [3e9, 0.0, 0.0]  # 0 to 30 MPa over the face
+
+def tables(law="constant", **time):
+    body = Box(STEEL, (SIDE, SIDE, SIDE), (4, 2, 2))
+    load = {"face": "up.zmax", "liquid": STEEP, "law": law}
+    return column({"low": body, "up": body}, {"joint": {"behaviour": "perfect"}}, time,
+                  boundary={"base": {"type": "fixed", "face": "low.zmin"}}, load={"sea": load})
+
+still = tables(end=1.0, instants=2, quasi_static=True)
+scene = latin_fmu.scene_from_dict(still)
+found = latin_fmu.solve(scene)
+assert found.converged, found.status
+joint = found.interfaces["joint"]
+# on the lower side: -p(centre) A along z
+assert np.allclose(joint.force()[-1], [0.0, 0.0, -0.5 * STEEP[0] * SIDE**3], rtol=1e-3, atol=1e-2), joint.force()[-1]
+moment = np.cross(joint.points - [SIDE / 2, SIDE / 2, SIDE], joint.traction[-1] * joint.areas[:, None]).sum(axis=0)
+# int (x - c) g x dA = g b^4 / 12, by the sums of the areas of nodes 1/32 of b^4 g (4 elements: h^2 / 6 more)
+assert np.isclose(moment[1], STEEP[0] * SIDE**4 / 12 * (1 + 2 / 16), rtol=5e-3), moment
+
+bodies = build_bodies(scene, Problems())
+load = scene.load["sea"]
+face = BodyFace.of(bodies, load.face)
+assert np.allclose(load.mean_traction(face), [0.0, 0.0, -0.5 * STEEP[0] * SIDE]) and load.turns()
+assert np.isclose(load.largest_traction(face), STEEP[0] * SIDE)
+(arrow,) = _loads(scene, bodies, np.concatenate([b.mesh.nodes for b in bodies.values()]), 0.01)
+assert np.allclose(arrow[1], [0.0, 0.0, -1.0]) and arrow[2] == "sea\\n3.00 GPa/m", arrow
+texts = [text.get_text() for text in assembly_figure(scene, []).findobj(Text)]
+assert "sea\\n3.00 GPa/m" in texts, texts
+assert not list(_load_remarks(scene, bodies)) and not [r for r in latin_fmu.check(scene) if "sea" in r]
+thin = latin_fmu.scene_from_dict(still | {"load": {"sea": {"face": "up.zmax", "liquid": [1e-3, 0.0, 0.0]}}})
+said = latin_fmu.check(thin)
+assert any("sea: a liquid that presses with 1e-05 Pa at most" in remark for remark in said), said
+words = " ".join(reference_text().split())
+assert "A `liquid` presses with the pressure g . (x - level)" in words and "liquid: list of 3 numbers [Pa m-1]" in words
+assert reference_schema()["$defs"]["Load"]["properties"]["liquid"]["unit"] == "Pa m-1"
+assert "load.sea" in explain(scene).text()
+for more in ({"pressure": 1e6}, {"moment": [1.0, 0.0, 0.0]}):
+    try:
+        latin_fmu.scene_from_dict(still | {"load": {"sea": {"face": "up.zmax", "liquid": STEEP, **more}}})
+        raise AssertionError(more)
+    except SceneError as error:
+        assert "liquid" in str(error), error
+pathlib.Path("tide.csv").write_text("time,level\\n0,0\\n0.5,1\\n1,1\\n")
+history = latin_fmu.scene_from_dict(tables({"type": "csv", "file": "tide.csv"}, end=1.0, instants=2, quasi_static=True))
+(line,) = history_lines(history)
+assert "peak 3e+09 Pa/m" in line and "integral 2.25e+09 Pa s/m" in line, line
+session = Session(latin_fmu.scene_from_dict(tables("input", end=8e-7, step=2e-7)))
+assert session.loads == ("sea",)
+assert "amplitude that multiplies load sea" in str([v.description for v in session.table])
+"""
+
+
 def carry_out(folder: Path, edits: Edits, *commands: list[str]) -> None:
     """Edit a copy of the sources and run commands in it, its kernels as plain Python."""
     for name, pairs in edits.items():
@@ -322,6 +442,13 @@ def sources(tmp_path: Path) -> Path:
 def test_a_law_by_the_recipe(sources: Path) -> None:
     (sources / "latin_fmu" / "laws" / "cohesive_contact.py").write_text(LAW)
     carry_out(sources, EDITS, ["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/interface"], ["-c", RUN])
+
+
+@pytest.mark.slow
+def test_a_kind_of_load_by_the_recipe(sources: Path) -> None:
+    """One file and one row: everything that asks a load does what the new kind says."""
+    (sources / "latin_fmu" / "scene" / "fluid_load.py").write_text(FLUID)
+    carry_out(sources, KIND, ["-c", RUN_KIND])
 
 
 @pytest.mark.slow

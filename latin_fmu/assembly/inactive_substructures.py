@@ -23,7 +23,7 @@ from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, TimeLaw
-from ..scene.schema import BODY_FORCE, GRAVITY, Scene
+from ..scene.schema import Scene
 from .body import Body
 from .models import ModelClass
 
@@ -81,7 +81,7 @@ def _inside(scene: Scene, name: str, time: Array) -> float:
     described, laws = scene.substructure[name], scene.force_laws
     if described.initial_keys or scene.thrown:
         return 0.0
-    sources = (f"{BODY_FORCE}{name}", GRAVITY, *scene.temperatures_of(name))
+    sources = [load.name for load in scene.body_loads if load.acts_on(name, scene.substructure[name])]
     return min((_onset(laws[n], time) for n in sources if n in laws), default=np.inf)
 
 

@@ -20,17 +20,17 @@ from pydantic import BaseModel
 
 from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
-from ..fem.location import MeanMotion
 from ..latin.assembly import Array, Index, InterfaceUnit
 from ..operator_store import NO_STORE, OperatorStore, store_at
 from ..propagator import LoadTerm, Propagator, SubstructureModel
 from ..propagator.model import share_operators
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
-from ..scene.schema import BODY_FORCE, GRAVITY, Scene
+from ..scene.schema import Scene
 from ..scene.settings import AutomaticScheme, ModalPropagatorTable, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, MaxwellBranches, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
+from .loaded_faces import BodyFace
 
 _OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start", "imposed_speed"))
 """Fields of a model that no operator depends on."""
@@ -321,9 +321,11 @@ def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit
     for name in {name for _, _, name in body_sides(opening) if not bodies[name].rigid}:
         crossing = min(crossing, _PART * bodies[name].mesh.size / bodies[name].shape.fast_elasticity.bar_speed)
     static = scene.time.start.type == "static"
-    # body forces act in all points at once
-    loads = {name: law for name, law in scene.force_laws.items() if name != GRAVITY and not name.startswith(BODY_FORCE)}
-    for name, law in loads.items():
+    # what moves a body as a whole acts in all points at once
+    at_once = {load.name for load in scene.body_loads} - scene.straining
+    for name, law in scene.force_laws.items():
+        if name in at_once:
+            continue
         if np.isfinite(crossing) and _steepest(law, scene.time.end, crossing, static) > _STEEP:
             return f"a front: load {name} changes by over {100 * _STEEP:.0f} % while a wave crosses {_PART:g} of a body"
     return ""
@@ -486,53 +488,75 @@ def _of_landings(courant: float) -> str:
     )
 
 
-def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
-    """Loads of a scene on the nodes of a body; ``layer`` : the mass that body forces act with."""
-    terms = []
+def load_terms(
+    scene: Scene, name: str, body: Body, layer: ContactLayer | None, straining: bool = True
+) -> list[LoadTerm]:
+    """Loads of a scene on the nodes of a body; ``layer`` : the mass that body forces act with. ``straining`` : with
+    loads that move no free body."""
     # of this scene: that of a static start has other forces on the same bodies
-    force = scene.substructure[name].body_force
-    if any(force):
-        terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, force, layer)))
-    if scene.gravity is not None and any(scene.gravity.acceleration):
-        terms.append(LoadTerm(GRAVITY, _weight(body, scene.gravity.acceleration, layer)))
-    terms += [LoadTerm(n, t.change * body.shape.thermal_load) for n, t in scene.temperatures_of(name).items()]
+    described, loaded_body = scene.substructure[name], BodyVolume(body, layer)
+    terms = [
+        LoadTerm(load.name, load.nodal_forces(loaded_body))
+        for load in scene.body_loads
+        if load.acts_on(name, described) and (straining or not load.kind.strains)
+    ]
     for load_name, load in scene.loads.items():
-        substructure, face_name = split_face(load.face)
-        if substructure != name:
+        if split_face(load.face)[0] != name:
             continue
-        face = body.face(face_name)
-        traction = load.uniform_traction(float(face.areas.sum()))
-        if traction is None:
-            nodal = -(load.pressure or 0.0) * face.vector_areas  # against the outward normal
-        else:
-            nodal = face.areas[:, None] * np.asarray(traction)
+        loaded = BodyFace.of({name: body}, load.face)
         pattern = np.zeros((body.mesh.n_node, 3))
-        pattern[face.nodes] = nodal
-        if load.moment is not None or load.point is not None:
-            motion = MeanMotion.of_face(body.mesh.nodes, face)
-            assert motion.rotation is not None
-            x, y, z = motion.centre.tolist()
-            # the forces of the mean motion that give the moment and no resultant
-            pattern += (motion.rotation.T @ np.asarray(load.moment_about((x, y, z)))).reshape(-1, 3)
+        pattern[loaded.face.nodes] = load.nodal_forces(loaded)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms
 
 
-def _body_load(body: Body, per_volume: tuple[float, float, float], layer: ContactLayer | None) -> Array:
-    """Nodal forces (3 n_node,) of a body force, N m-3, where the mass of the mesh is: a free body is not strained."""
-    force = np.asarray(per_volume)
-    acceleration = np.tile(force / body.shape.material.density, body.mesh.n_node)
-    if layer is not None and layer.loaded is not None:
-        return np.asarray(layer.loaded @ acceleration)
-    if layer is not None and layer.lumped is not None and body.shape.lumped_mass is not None:
-        return np.asarray(body.shape.lumped_mass * acceleration)
-    return body.shape.body_load(force)
+@dataclass(frozen=True)
+class BodyVolume:
+    """A body as loads of its whole volume see it, `scene.body_loads.LoadedBody`.
 
+    Attributes
+    ----------
+    layer : the mass that they act with; that of the mesh, and added ones, where None.
+    """
 
-def _weight(body: Body, acceleration: tuple[float, float, float], layer: ContactLayer | None) -> Array:
-    """Nodal forces (3 n_node,) of an acceleration, m s-2, on all the mass of a body, N."""
-    everywhere = np.tile(acceleration, body.mesh.n_node)
-    if layer is not None:
-        return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
-    own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
-    return own if body.added is None else np.asarray(own + body.added.matrix @ everywhere)
+    body: Body
+    layer: ContactLayer | None = None
+
+    @property
+    def size(self) -> float:
+        """Length of the body, m."""
+        return self.body.mesh.size
+
+    @property
+    def density(self) -> float:
+        """Mass per volume, kg m-3."""
+        return self.body.shape.material.density
+
+    @property
+    def stress_per_kelvin(self) -> tuple[float, float]:
+        """Largest expansion, K-1, and Young's modulus, Pa."""
+        material = self.body.shape.elasticity
+        return max(map(abs, material.expansions)), material.young_moduli[1]
+
+    def volume_forces(self, per_volume: Sequence[float]) -> Array:
+        """Nodal forces (3 n_node,) of a force per volume, N m-3, where the mass of the mesh is: a free body is not
+        strained."""
+        force, layer, shape = np.asarray(per_volume), self.layer, self.body.shape
+        acceleration = np.tile(force / shape.material.density, self.body.mesh.n_node)
+        if layer is not None and layer.loaded is not None:
+            return np.asarray(layer.loaded @ acceleration)
+        if layer is not None and layer.lumped is not None and shape.lumped_mass is not None:
+            return np.asarray(shape.lumped_mass * acceleration)
+        return shape.body_load(force)
+
+    def weight(self, acceleration: Sequence[float]) -> Array:
+        """Nodal forces (3 n_node,) of an acceleration, m s-2, on all the mass of the body, N."""
+        everywhere, layer, body = np.tile(acceleration, self.body.mesh.n_node), self.layer, self.body
+        if layer is not None:
+            return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
+        own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
+        return own if body.added is None else np.asarray(own + body.added.matrix @ everywhere)
+
+    def expansion(self, change: float) -> Array:
+        """Nodal forces (3 n_node,) that strain the free body by a change of temperature, K; N."""
+        return np.asarray(change * self.body.shape.thermal_load)

@@ -36,7 +36,9 @@ from .body import Body, body_sides, branches_of, flexibility, side_impedance, si
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress
 from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
+from .loaded_faces import BodyFace
 from .models import (
+    BodyVolume,
     ContactLayer,
     Kept,
     KeptOperators,
@@ -665,8 +667,7 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
 def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> Iterator[float]:
     """Largest traction of each load, Pa; the amplitude of an input, known only later, counts as 1 at least."""
     for load in scene.loads.values():
-        substructure, face = split_face(load.face)
-        yield load.size(float(bodies[substructure].face(face).areas.sum())) * _largest(load.law, time)
+        yield load.largest_traction(BodyFace.of(bodies, load.face)) * _largest(load.law, time)
 
 
 def _preloads(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[float]:
@@ -678,19 +679,12 @@ def _preloads(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[float]:
 
 
 def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
-    """Largest tractions of body force and gravity over the length of a body, and of temperatures in one that is
-    held, Pa."""
+    """Largest traction of each load of the whole body, Pa."""
     # of this scene: that of a static start has other forces on the same bodies
-    described = scene.substructure[body.name]
-    force, law = described.body_force, described.body_force_law
-    yield float(np.linalg.norm(force)) * _largest(law, time) * body.mesh.size
-    if scene.gravity is not None:
-        weight = body.shape.material.density * float(np.linalg.norm(scene.gravity.acceleration))
-        yield weight * _largest(scene.gravity.law, time) * body.mesh.size
-    material = body.shape.elasticity
-    for temperature in scene.temperatures_of(body.name).values():
-        strain = abs(temperature.change) * max(map(abs, material.expansions)) * _largest(temperature.law, time)
-        yield material.young_moduli[1] * strain
+    described, volume = scene.substructure[body.name], BodyVolume(body)
+    for load in scene.body_loads:
+        if load.acts_on(body.name, described):
+            yield load.largest_traction(volume, _largest(load.law, time))
 
 
 def _largest(law: TimeLaw, time: Array) -> float:

@@ -39,6 +39,7 @@ from ..scene.fields import split_face
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .body import Body, body_sides
+from .loaded_faces import BodyFace
 
 MOST = 64e6
 """Bytes of the histories of all interfaces up to which bodies are left out: larger ones go to a file instant by
@@ -166,8 +167,7 @@ def never_touched(
     """
     output, time = scene.output, scene.time
     stored = output.keeps_fields or output.stress or output.recovers or output.reactions
-    everywhere = scene.gravity is not None or scene.temperature
-    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or everywhere:
+    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or scene.straining:
         return frozenset()
     if stored or output.interfaces_every > 1 or scene.bolt or scene.solver.skip_at_rest == "off":
         return frozenset()
@@ -192,7 +192,8 @@ def _rests(scene: Scene, body: Body) -> bool:
     named = {split_face(face)[0] for face in faces} | {port.body for port in scene.port.values()}
     named |= {sensor.body for sensor in scene.sensor.values()}
     held = all(isinstance(b, Fixed | Symmetry) for b in scene.boundaries_of(name).values())
-    return held and name not in named and not described.initial_keys and not any(described.body_force)
+    loaded = any(load.acts_on(name, scene.substructure[name]) for load in scene.body_loads)
+    return held and name not in named and not described.initial_keys and not loaded
 
 
 def _stays_open(unit: InterfaceUnit, own: set[str], way: float) -> bool:
@@ -208,20 +209,16 @@ class _Way:
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         self._end, self._speed, self._impulses = scene.time.end, 0.0, list[Array]()
         for load in scene.loads.values():
-            name, loaded = split_face(load.face)
-            face = bodies[name].face(loaded)
-            given = load.uniform_traction(area := float(face.areas.sum()))
-            # the mean traction of a pressure: its parts on opposite facets cancel
-            mean = (load.pressure or 0.0) * face.vector_areas.sum(axis=0) / area if given is None else np.asarray(given)
+            mean = load.mean_traction(BodyFace.of(bodies, load.face))
             self._impulses.append(mean * float(np.trapezoid(np.abs(load.law.sample(time)), time)))
         for body in bodies.values():
             described = body.description
             spin = float(np.linalg.norm(described.initial_spin)) * body.mesh.size
             self._speed = max(self._speed, float(np.linalg.norm(described.initial_velocity)) + spin)
         driven = any(isinstance(boundary, Driven) for boundary in scene.boundary.values())
-        pushed = any(any(body.description.body_force) or body.description.initial_fields for body in bodies.values())
+        pushed = bool(scene.body_loads) or any(body.description.initial_fields for body in bodies.values())
         moved = any(i.ground_velocity is not None or i.initial_pressure(1.0) for i in scene.interface.values())
-        turned = any(load.moment is not None for load in scene.loads.values())
+        turned = any(load.turns() for load in scene.loads.values())
         # what has no impulse of its own: as if the largest traction acted from start to end
         self._any = traction * self._end if driven or pushed or moved or turned or scene.port else 0.0
         self._softest = max((1.0 / b.shape.impedances[0] for b in bodies.values() if not b.rigid), default=0.0)

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..assembly.body import Body
 from ..assembly.interfaces import between
+from ..assembly.loaded_faces import BodyFace
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.wave_pace import waves_count
 from ..fem.mesh import nearest
@@ -26,6 +27,7 @@ from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.histories import history_remarks
 from ..scene.laws import InputLaw
+from ..scene.load_kinds import LoadEstimate
 from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
 from ..scene.units import SI, UNIT_SYSTEMS, UnitSystem
@@ -135,7 +137,7 @@ def _friction_remarks(units: list[InterfaceUnit]) -> Iterator[Remark]:
 def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
     units = scene.unit_system
     for name, load in scene.load.items():
-        substructure, face = split_face(load.face)
+        substructure = split_face(load.face)[0]
         body = bodies[substructure]
         inside = [n for n, i in scene.interface.items() if load.face in i.sides]
         if inside:
@@ -146,18 +148,16 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
         modulus = body.shape.elasticity.young_moduli[0]
         times = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         largest = float(np.abs(load.law.sample(times)).max())
-        share = load.size(float(body.face(face).areas.sum())) * largest / modulus
+        share = load.largest_traction(BodyFace.of(bodies, load.face)) * largest / modulus
+        stress = f"{share * modulus:.3g} {units['Pa']}"
         if share > STRESS[1]:
-            text = f"it acts with {share * modulus:.3g} {units['Pa']}, {100 * share:.2g} % of Young's modulus: strains"
+            text = f"it acts with {stress}, {100 * share:.2g} % of Young's modulus: strains"
             remedy = "check the units of the load, of its law and of the material"
             yield Remark("load", f"load {name}: {text} are not small; {remedy}")
-        elif load.pressure and share < STRESS[0]:
-            text = f"a pressure of {share * modulus:.3g} {units['Pa']} strains {substructure} by {share:.1g} only"
-            question = "is it in MPa? Then write it in Pa" if units is SI else "check its unit"
-            yield Remark("load", f"load {name}: {text}: {question}")
-        if load.pressure and load.pressure * float(np.mean(load.law.sample(times))) < 0.0:
-            text = "its pressure is negative: it pulls at the face (suction)"
-            yield Remark("load", f"load {name}: {text}; turn the sign if it is to press")
+        mean = float(np.mean(load.law.sample(times)))
+        estimate = LoadEstimate(substructure, stress, share, share < STRESS[0], mean, units is SI)
+        for text in load.doubts(estimate):
+            yield Remark("load", f"load {name}: {text}")
 
 
 def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
+from ..scene.body_loads import BODY_LOADS
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw, TimeLaw
 from ..scene.ports import COMPONENTS, Port
-from ..scene.schema import BODY_FORCE, GRAVITY, TEMPERATURE, Scene
+from ..scene.schema import Scene
 from .variable import AXES, Variable, input_variable
 
 Words = tuple[str, str, str]  # unit, unit of the rate, meaning
@@ -34,6 +35,7 @@ class InputKind:
     name : of an input, with the name of its table in braces. tables : of the scene, by name, or one. law : field of a
         table that holds the law, or of a field of it. meaning : of its amplitude, likewise. drives : LOAD, MOTION,
         DISPLACEMENT or WAVE, from a table. acts : whether a table drives the run at all. moment : of the value.
+    settable : whether the law may be set from outside; else the row is for the law of the scene alone.
     """
 
     name: str
@@ -43,6 +45,7 @@ class InputKind:
     drives: Callable[[Any], int] = lambda _: LOAD
     acts: Callable[[Any], bool] = _always
     moment: str = "at the start of the step"
+    settable: bool = True
 
     def sources(self, scene: Scene) -> Iterator[Source]:
         """Every law of a scene of this kind."""
@@ -148,18 +151,7 @@ INPUTS: Final = (
             ("N m", "N m s-1", "incident wave M + Z omega of port {}, M the moment on the body"),
         ),
     ),
-    InputKind(
-        f"{BODY_FORCE}{{}}",
-        "substructure",
-        "body_force_law",
-        "the body force of {}",
-        acts=lambda body: any(body.body_force),
-    ),
-    InputKind(
-        GRAVITY, "gravity", "law", "the gravity of all bodies, its acceleration", acts=lambda g: any(g.acceleration)
-    ),
-    # never set from outside, as stresses follow its law: for the law of the scene alone
-    InputKind(f"{TEMPERATURE}{{}}", "temperature", "law", "the temperature {}", acts=lambda t: t.change != 0.0),
+    *(InputKind(k.name, k.tables, k.law_key, k.meaning, acts=k.acts, settable=k.settable) for k in BODY_LOADS),
     PortInputs(
         *("", "port", "laws", "", lambda _: MOTION),
         acts=_of("motion_in"),
@@ -202,9 +194,8 @@ def inputs_of(scene: Scene) -> dict[str, InputLaw]:
 
 
 def settable_of(scene: Scene) -> dict[str, TimeLaw]:
-    """Laws of a scene that can be set from outside, by the names of their inputs: all but temperatures, as stresses
-    follow theirs."""
-    return {source.name: source.law for source in sources_of(scene) if not source.name.startswith(TEMPERATURE)}
+    """Laws of a scene that can be set from outside, by the names of their inputs."""
+    return {source.name: source.law for kind in INPUTS if kind.settable for source in kind.sources(scene)}
 
 
 def acting_of(scene: Scene) -> list[str]:

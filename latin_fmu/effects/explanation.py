@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
+from ..assembly.loaded_faces import BodyFace
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import chosen_propagators
 from ..assembly.wave_pace import SLOW, load_pace, longest_transit
@@ -335,9 +336,8 @@ def _fastest(p: Prediction) -> float:
         return float("inf")
     speed = sum(2 * float(np.linalg.norm(s.initial_velocity)) for s in scene.substructure.values())
     for load in scene.load.values():
-        name, face = split_face(load.face)
-        body = bodies[name]
-        size = load.size(float(body.face(face).areas.sum()))
+        body = bodies[split_face(load.face)[0]]
+        size = load.largest_traction(BodyFace.of(bodies, load.face))
         amplitude = float(np.abs(load.law.sample(p.discretised.time)).max())
         # a face is driven at 2 p / rho c at most; every transit back and forth may add as much again
         shortest = float(body.mesh.extent().min())

@@ -16,7 +16,7 @@ from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
 from ..scene.readable_numbers import readable
-from ..scene.schema import GRAVITY, Scene, with_settings
+from ..scene.schema import Scene, with_settings
 from ..scene.settings import StaticStart
 from .cost import CONTACT, Prediction, RunSize, expected_iterations, march_counts, numbers, seconds
 
@@ -205,8 +205,7 @@ def absorbing_ends(p: Prediction) -> Effect:
 
 def body_force(p: Prediction) -> Effect:
     """Forces per volume and gravity; without them the accelerations at t = 0 need no solution."""
-    keys = [f"substructure.{n}.body_force" for n, s in p.scene.substructure.items() if any(s.body_force)]
-    keys += ["gravity"] if GRAVITY in p.scene.force_laws else []
+    keys = [load.key for load in p.scene.body_loads if not load.kind.strains]
     none = "substructure.*.body_force"
     reason = "nodal forces times their laws"
     switch = "a body_force, or [gravity]"
@@ -222,7 +221,7 @@ def loads(p: Prediction) -> Effect:
 
 def temperature(p: Prediction) -> Effect:
     """Changes of temperature."""
-    keys = [f"temperature.{n}" for n in p.scene.temperature]
+    keys = [load.key for load in p.scene.body_loads if load.kind.strains]
     reason = "nodal forces of hindered expansion, one vector for each body, times their laws"
     return _driven(p, "temperature", keys, "temperature", reason, "a [temperature.NAME]")
 

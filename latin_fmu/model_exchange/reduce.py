@@ -38,7 +38,7 @@ from ..propagator.reduction import ReducedModel, reduce_model
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
-from ..scene.schema import TEMPERATURE, Scene
+from ..scene.schema import Scene
 from ..scene.settings import HHTTable
 from ..time_scheme import NO_BRANCHES
 from .equations import (
@@ -459,11 +459,11 @@ def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
 
 def _hot_at_start(scene: Scene) -> Iterator[Problem]:
     """Temperatures that strain a body at t = 0, where a reduced model has no stress."""
-    for name, temperature in scene.temperature.items():
-        heated = any(scene.temperatures_of(body).get(f"{TEMPERATURE}{name}") for body in scene.substructure)
-        if heated and temperature.law.sample(np.zeros(1))[0] != 0.0:
+    for load in scene.body_loads:
+        strains = load.kind.strains and any(load.acts_on(*body) for body in scene.substructure.items())
+        if strains and load.law.sample(np.zeros(1))[0] != 0.0:
             yield Problem(
-                f"temperature.{name}.law",
+                load.kind.place(load.of),
                 "a reduced model starts without stress: a temperature that is not 0 then is a thermal shock",
                 None,
                 "laws that begin with 0",

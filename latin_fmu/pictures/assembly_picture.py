@@ -246,14 +246,8 @@ def _amount(scene: Scene, value: float | Array, unit: str) -> str:
 def _loads(scene: Scene, bodies: Mapping[str, Body], everything: Array, length: float) -> Iterator[_Vector]:
     for name, load in scene.load.items():
         centre, normal = _middle(bodies, load.face)
-        if load.pressure is not None:
-            # pressure against the normal; of size 0 drawn as if positive
-            direction = -np.sign(load.pressure or 1.0) * normal
-            text = readable(load.pressure, scene.unit_system.label("Pa"), 3, figure=True)
-        else:
-            turns = load.force is None and load.traction is None
-            direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
-            text = _amount(scene, direction, "N m" if turns else "Pa" if load.force is None else "N")
+        direction = load.arrow(normal)
+        text = readable(load.amount, scene.unit_system.shown(load.unit), 3, figure=True)
         # how far the assembly reaches ahead of the face
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
@@ -278,16 +272,22 @@ def _motions(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
 
 
 def _of_bodies(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
-    """Gravity, beside the bodies; initial velocities and body forces."""
-    if scene.gravity is not None:
-        direction = np.asarray(scene.gravity.acceleration, dtype=float)
+    """Loads of all bodies, beside them; initial velocities and loads of single bodies."""
+    of_body: dict[str, list[tuple[Array, str, str]]] = {
+        n: [(np.asarray(b.description.initial_velocity, dtype=float), "m s-1", MOTION)] for n, b in bodies.items()
+    }
+    for load in scene.body_loads:
+        direction, owner = load.kind.arrow(load.table), load.kind.owner(load.of)
+        if direction is None:
+            continue
+        if owner is not None:
+            of_body[owner].append((direction, load.kind.unit, LOAD))
+            continue
         beside = np.min([body.mesh.nodes.min(axis=0) for body in bodies.values()], axis=0)
-        yield beside, direction, f"gravity\n{_amount(scene, direction, 'm s-2')}", LOAD, True
+        yield beside, direction, f"{load.key}\n{_amount(scene, direction, load.kind.unit)}", LOAD, True
     for body in bodies.values():
         low, high = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
-        given = body.description
-        for vector, unit, colour in ((given.initial_velocity, "m s-1", MOTION), (given.body_force, "N m-3", LOAD)):
-            direction = np.asarray(vector, dtype=float)
+        for direction, unit, colour in of_body[body.name]:
             aside = np.abs(direction) > 0.1 * np.linalg.norm(direction)
             # behind the body, so that neither arrow nor label covers it
             behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * aside

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import Problem
+from .body_loads import body_loads_of
 from .boundaries import Driven
 from .laws import CsvLaw
 from .number_files import factor
@@ -15,18 +16,8 @@ from .records import FEWEST_SAMPLES, inside_run, misfits, peak_of
 from .unit_texts import names_for, si_unit, words_for
 from .units import UnitSystem
 
-_INTEGRALS: Final = {
-    "N": "N s",
-    "N m": "N m s",
-    "Pa": "Pa s",
-    "m": "m s",
-    "m s-1": "m",
-    "m s-2": "m s-1",
-    "N m-3": "N s m-3",
-    "K": "K s",
-    "rad s-1": "rad",
-}
-"""Units of integrals over time, by that of the quantity; UDUNITS."""
+_INTEGRALS: Final = {"m s-1": "m", "m s-2": "m s-1", "N m-3": "N s m-3", "rad s-1": "rad"}
+"""Units of integrals over time that are not those of the quantity times s, by that of the quantity; UDUNITS."""
 _FIRST_SAMPLES: Final = 2  # inside the run, of a record
 
 
@@ -68,7 +59,7 @@ class SceneHistory:
         named = self.law.units[1]
         if isinstance(named, str) and si_unit(named) == self.unit and factor(named, units) != 1.0:
             peak = f"{found['peak'] / factor(named, units):.4g} {named} ({peak})"
-        integral = f"{found['integral']:.4g} {units[_INTEGRALS[self.unit]]}"
+        integral = f"{found['integral']:.4g} {units[_INTEGRALS.get(self.unit, f'{self.unit} s')]}"
         first, last = found["span"]
         inside = f"from {first:.4g} to {last:.4g} s of 0 to {self.end:.4g} s, {found['samples']} samples"
         words = f"{self.law.file}, {self.law.read_as}" if self.law.read_as else self.law.file
@@ -119,12 +110,7 @@ _DRIVEN: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s
 def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
     """Place of every law, the law, unit and size of what it multiplies."""
     for name, load in scene.load.items():
-        if load.force is None and load.moment is not None:
-            yield f"load.{name}.law", load.law, "N m", _norm(load.moment)
-        elif load.force is not None:
-            yield f"load.{name}.law", load.law, "N", _norm(load.force)
-        else:
-            yield f"load.{name}.law", load.law, "Pa", _norm(load.traction or load.pressure or 0.0)
+        yield f"load.{name}.law", load.law, load.unit, abs(load.amount)
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, Driven):
             yield f"boundary.{name}.law", boundary.law, _DRIVEN[boundary.type], _norm(boundary.value)
@@ -132,15 +118,11 @@ def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
         along, about = INPUT_UNITS[port.causality == "motion_in"]
         for component, law in port.laws.items():
             yield f"port.{name}.laws.{component}", law, along if component in TRANSLATIONS else about, 1.0
-    for name, body in scene.substructure.items():
-        yield f"substructure.{name}.body_force_law", body.body_force_law, "N m-3", _norm(body.body_force)
     for name, interface in scene.interface.items():
         if (ground := interface.ground_velocity) is not None:
             yield f"interface.{name}.ground_velocity.law", ground.law, "m s-1", abs(ground.amplitude)
-    if scene.gravity is not None:
-        yield "gravity.law", scene.gravity.law, "m s-2", _norm(scene.gravity.acceleration)
-    for name, temperature in scene.temperature.items():
-        yield f"temperature.{name}.law", temperature.law, "K", abs(temperature.change)
+    for acting in body_loads_of(scene):
+        yield acting.kind.place(acting.of), acting.law, acting.kind.unit, acting.amount
 
 
 def history_lines(scene: Any) -> list[str]:

@@ -8,8 +8,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from ..errors import Problem, shown
 from .fields import Face, Real, SceneTable, _as_list, about, refusal, split_face
 from .laws import InputLaw, Law
+from .loads import Load
 from .raw_scene import RawTable, face_problems, is_explicit, named_tables, parsed_face, single_table, text_list
-from .substructures import Load
 
 Component = Literal["x", "y", "z", "rx", "ry", "rz"]
 COMPONENTS: Final[tuple[Component, ...]] = ("x", "y", "z", "rx", "ry", "rz")

@@ -10,6 +10,7 @@ from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ..errors import Problem, SceneError, shown
 from .attachments import CouplingTable, PointMass, Spring, attachment_problems, joints_of
+from .body_loads import BODY_LOADS, BodyLoad, body_loads_of
 from .bolts import Bolt, bolt_problems, with_screws
 from .boundaries import Boundary, Periodic, boundary_problems
 from .damping import DampingTable
@@ -19,21 +20,20 @@ from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of
+from .loads import Load, load_problems, load_unit
 from .materials import MaterialTable, material_problems
 from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
-from .raw_scene import given, named_tables, oversized_integers, plain, single_table
+from .raw_scene import named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Fmu, Output, Solver, Time, settings_problems, with_defaults
 from .spread import Distribution, SpreadTable, flat, spread_problems
 from .substructures import (
     Gravity,
-    Load,
     MeshParts,
     Motion,
     Substructure,
     Temperature,
-    load_problems,
     substructure_problems,
     temperature_problems,
 )
@@ -83,10 +83,6 @@ def toml_value(value: Any) -> str:
 
 
 _HEADING = "the scene cannot be used"
-BODY_FORCE = "body_force."
-GRAVITY = "gravity.acceleration"
-TEMPERATURE = "temperature."
-"""Names in ``Scene.force_laws``: no load has a dot in its name."""
 
 
 def _of_parts(problem: Problem) -> bool:
@@ -161,19 +157,15 @@ _UNITS_OF: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m
 def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
     """Place of every law, the law as written, and the unit of what it multiplies."""
     for name, load in named_tables(raw, "load").items():
-        own = "N" if given(load, "force") else "N m" if given(load, "moment") else "Pa"
-        yield f"load.{name}.law", load.get("law"), own
+        yield f"load.{name}.law", load.get("law"), load_unit(load)
     for name, boundary in named_tables(raw, "boundary").items():
         yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
     yield from port_laws(raw)
-    for name, body in named_tables(raw, "substructure").items():
-        yield f"substructure.{name}.body_force_law", body.get("body_force_law"), "N m-3"
     for name, interface in named_tables(raw, "interface").items():
         ground = single_table(interface, "ground_velocity")
         yield f"interface.{name}.ground_velocity.law", ground.get("law"), "m s-1"
-    yield "gravity.law", single_table(raw, "gravity").get("law"), "m s-2"
-    for name, temperature in named_tables(raw, "temperature").items():
-        yield f"temperature.{name}.law", temperature.get("law"), "K"
+    for kind in BODY_LOADS:
+        yield from ((place, law, kind.unit) for place, law in kind.written_laws(raw))
 
 
 def _unit_problems(raw: Any) -> Iterator[Problem]:
@@ -366,13 +358,19 @@ class Scene(SceneTable):
     @property
     def force_laws(self) -> dict[str, TimeLaw]:
         """Laws of everything that acts by forces on nodes: loads by their name (see ``loads``),
-        ``body_force.SUBSTRUCTURE``, ``gravity.acceleration`` and ``temperature.NAME``."""
+        ``body_force.SUBSTRUCTURE``, ``gravity.acceleration`` and ``temperature.NAME``; a name without dot is a load."""
         laws: dict[str, TimeLaw] = {name: load.law for name, load in self.loads.items()}
-        laws |= {f"{BODY_FORCE}{n}": s.body_force_law for n, s in self.substructure.items() if any(s.body_force)}
-        if self.gravity is not None and any(self.gravity.acceleration):
-            laws[GRAVITY] = self.gravity.law
-        laws |= {f"{TEMPERATURE}{name}": t.law for name, t in self.temperature.items() if t.change}
-        return laws
+        return laws | {load.name: load.law for load in self.body_loads}
+
+    @property
+    def body_loads(self) -> list[BodyLoad]:
+        """Loads of whole bodies that multiply their laws by anything."""
+        return [load for load in body_loads_of(self) if load.kind.acts(load.table)]
+
+    @property
+    def straining(self) -> frozenset[str]:
+        """Names of loads that strain free bodies and move none."""
+        return frozenset(load.name for load in self.body_loads if load.kind.strains)
 
     @property
     def standing(self) -> list[str]:
@@ -427,9 +425,9 @@ class Scene(SceneTable):
 
     def temperatures_of(self, substructure: str) -> dict[str, Temperature]:
         """Changes of temperature of a substructure, by their names in ``force_laws``."""
-        if self.substructure[substructure].rigid:
-            return {}
-        return {f"{TEMPERATURE}{name}": t for name, t in self.temperature.items() if t.heats(substructure)}
+        described = self.substructure[substructure]
+        own = [load for load in self.body_loads if load.kind.strains and load.acts_on(substructure, described)]
+        return {load.name: load.table for load in own}
 
     def ports_of(self, substructure: str) -> dict[str, Port]:
         """Ports on the faces of a substructure."""

@@ -1,4 +1,4 @@
-"""Tables [substructure], [mesh], [load], by name, and [gravity]: bodies and what acts on them."""
+"""Tables [substructure], [mesh], [temperature], by name, [gravity], [motion]: bodies and what acts all over them."""
 
 import math
 import re
@@ -13,9 +13,7 @@ from ..errors import Problem, shown
 from .fields import (
     GROUND,
     Count,
-    Face,
     Flag,
-    LocalAxes,
     Name,
     Positive,
     PositiveCount,
@@ -33,7 +31,6 @@ from .raw_scene import (
     RawTable,
     chosen_type,
     exactly_one,
-    face_problems,
     given,
     is_explicit,
     named_tables,
@@ -273,50 +270,6 @@ class Temperature(SceneTable):
         return self.change != 0.0 and (ALL in self.substructures or substructure in self.substructures)
 
 
-class Load(SceneTable):
-    """A load on a face, times a law. It has exactly one of `pressure`, `traction` and `force`; or a `moment`, alone or
-    with `force`.
-
-    Loads on one face add up. A positive pressure p compresses: its traction is -p n, n the outward normal. A force is
-    spread evenly over the face; at a `point` off its centre, and a moment, by tractions that grow from the centre, as
-    through a distributing coupling.
-    """
-
-    face: Annotated[Face, about('the loaded face, "substructure.face"')]
-    pressure: Annotated[Real | None, about("pressure, positive in compression", "Pa")] = None
-    traction: Annotated[Vector | None, about("traction along x, y, z", "Pa")] = None
-    force: Annotated[Vector | None, about("resultant force along x, y, z", "N")] = None
-    moment: Annotated[Vector | None, about("resultant moment about x, y, z at the point of the force", "N m")] = None
-    point: Annotated[Vector | None, about("point of the force; the centre of the face where left out", "m")] = None
-    axes: Annotated[
-        LocalAxes | None, about("axes of the traction, force and moment; the global ones where left out")
-    ] = None
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-
-    def uniform_traction(self, area: float) -> tuple[float, float, float] | None:
-        """Traction along the global axes on a face of this area, m2; None for a pressure. Pa."""
-        if self.traction is None and self.force is None:
-            return None
-        x, y, z = self.traction or tuple(f / area for f in self.force or ())
-        return (x, y, z) if self.axes is None else self.axes.to_global((x, y, z))
-
-    def moment_about(self, centre: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Moment about the centre of the face, m, along the global axes; N m."""
-        own, force = self.moment or (0.0, 0.0, 0.0), self.force or (0.0, 0.0, 0.0)
-        if self.axes is not None:
-            own, force = self.axes.to_global(own), self.axes.to_global(force)
-        # r x F of a point off the centre
-        x, y, z = np.add(own, np.cross(np.subtract(self.point or centre, centre), force)).tolist()
-        return (x, y, z)
-
-    def size(self, area: float) -> float:
-        """Size of the traction on a face of this area, m2, where the law is 1; Pa."""
-        traction = self.uniform_traction(area)
-        uniform = abs(self.pressure or 0.0) if traction is None else float(np.linalg.norm(traction))
-        # a moment over area times length, the root of the area
-        return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
-
-
 # -- checks of these tables with each other and with others ---
 def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
     """Problems of the substructures of a scene as written; their faces are checked with the meshes."""
@@ -369,22 +322,6 @@ def _is_file(base_dir: Path, name: str) -> bool:
         return (base_dir / name).is_file()
     except (OSError, ValueError):  # a name the system refuses, e.g. too long or with a null character
         return False
-
-
-def load_problems(raw: Any) -> Iterator[Problem]:
-    """Problems of the loads of a scene as written."""
-    for name, table in named_tables(raw, "load").items():
-        if not given(table, "moment"):
-            yield from exactly_one(table, f"load.{name}", "pressure", "traction", "force")
-        for key in ("moment", "point"):
-            others = [k for k in ("pressure", "traction") if given(table, k)]
-            if given(table, key) and others:
-                what = f"a {others[0]} has no {key}"
-                yield Problem(f"load.{name}.{key}", what, None, "with 'force'", f"leave out {key!r} or {others[0]!r}")
-        if given(table, "pressure") and given(table, "axes"):
-            what = "a pressure acts along the normal"
-            yield Problem(f"load.{name}.axes", what, None, "with 'traction' or 'force'", "leave the axes out")
-        yield from face_problems(raw, f"load.{name}.face", table.get("face"))
 
 
 def temperature_problems(raw: Any) -> Iterator[Problem]:

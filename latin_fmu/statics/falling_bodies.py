@@ -32,7 +32,7 @@ from ..interface.laws import NoSlip, coulomb_coefficient
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import with_load
-from ..scene.schema import TEMPERATURE, Scene
+from ..scene.schema import Scene
 from .free_bodies import BALANCED, FreeGroup, free_groups, ways_of
 
 
@@ -145,7 +145,7 @@ def _forces(scene: Scene, bodies: Mapping[str, Body], group: FreeGroup) -> Itera
     """Body, pattern (3 n_node,) and amplitude (1,) of each load at t = 0."""
     laws = scene.force_laws
     for name in group.motions:
-        for term in load_terms(scene.model_copy(update={"temperature": {}}), name, bodies[name], None):
+        for term in load_terms(scene, name, bodies[name], None, straining=False):
             yield name, term.pattern, laws[term.name].sample(np.zeros(1))
 
 
@@ -217,7 +217,7 @@ def _inertia(
     work: dict[str, Array] = {}
     for name, model in members.items():
         for load in model.loads:
-            if load.name and load.name in problem.scene.force_laws and not load.name.startswith(TEMPERATURE):
+            if load.name and load.name in problem.scene.force_laws and load.name not in problem.scene.straining:
                 part = motions[name].T @ load.pattern
                 work[load.name] = part if load.name not in work else work[load.name] + part
     accelerations = {load: np.asarray(la.solve(inertia, f, assume_a="pos")) for load, f in work.items()}

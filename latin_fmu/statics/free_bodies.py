@@ -48,7 +48,7 @@ from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
-from ..scene.schema import TEMPERATURE, Scene
+from ..scene.schema import Scene
 
 HELD = 1e-10
 """A rigid motion with less relative motion at interfaces than this (squared) is free."""
@@ -117,7 +117,7 @@ class LimitLoad:
             own = np.eye(held.expansion.shape[0])[:, : held.expansion.shape[1]]
         histories = self._problem.timeline.histories(member, self._problem.time)
         for load, amplitude in zip(member.loads, histories.amplitudes, strict=True):
-            if load.name.startswith(TEMPERATURE):  # it moves no rigid body, but for round-off
+            if load.name in self._problem.scene.straining:  # it moves no rigid body, but for round-off
                 continue
             self.path[1:, self.where[member.name]] += np.outer(amplitude[1:], load.pattern @ own)
             # loads that start from zero can be named as shares of their amplitudes
@@ -439,7 +439,7 @@ def acting(scene: Scene, bodies: Mapping[str, Body], time: Array) -> list[tuple[
     inputs = [name for name, law in laws.items() if isinstance(law, InputLaw)]
     forces = []
     for name, body in bodies.items():
-        for term in load_terms(scene.model_copy(update={"temperature": {}}), name, body, None):
+        for term in load_terms(scene, name, body, None, straining=False):
             known = np.zeros(len(time)) if term.name in inputs else laws[term.name].sample(time)
             forces.append((name, term.pattern, np.concatenate([known, [float(term.name == n) for n in inputs]])))
     return forces

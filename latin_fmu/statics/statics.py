@@ -36,13 +36,13 @@ from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
 from ..latin.interface_rows import InterfaceRows
 from ..reader import scene_from_dict
+from ..scene.body_loads import body_loads_of
 from ..scene.boundaries import Absorbing, PrescribedAcceleration, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, TimeLaw
 from ..scene.materials import DAMPING_KEYS
-from ..scene.schema import BODY_FORCE, GRAVITY, Scene, toml_text
+from ..scene.schema import Scene, toml_text
 from ..scene.settings import StaticStart
-from ..scene.substructures import ALL
 from ..scene.units import UnitSystem
 from .bolt_ends import unheld_ends
 from .displaced_starts import at_rest
@@ -122,11 +122,11 @@ def start_problems(
             'set time.start = "given"',
         )
         return
-    for name, temperature in scene.temperature.items():
-        heated = [n for n, body in bodies.items() if n not in still and not body.rigid and temperature.heats(n)]
-        if heated and _at_start(name, temperature.law, {}) != 0.0:
+    for load in scene.body_loads:
+        heated = [n for n in bodies if n not in still and load.acts_on(n, scene.substructure[n])]
+        if load.kind.strains and heated and _at_start(load.name, load.law, {}) != 0.0:
             yield Problem(
-                f"temperature.{name}",
+                load.key,
                 "heats a substructure that has an initial velocity from the start on: the static start leaves it "
                 "out, so that it would begin without its expansion, and ring",
                 heated[0],
@@ -405,14 +405,11 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
     data["port"] = dict(_ports(scene, data["port"], still, amplitudes, loaded))
-    _start_body_forces(scene, data, amplitudes)
-    data["temperature"] = dict(_temperatures(scene, data["temperature"], still))
+    for load in body_loads_of(scene):
+        amplitude = _at_start(load.name, load.law, amplitudes) if loaded and load.kind.acts(load.table) else 0.0
+        load.kind.at_rest(data, load.of, still, _raised(amplitude) if amplitude else None)
     if not loaded:
-        data["load"], data["temperature"] = {}, {}
-        data.pop("gravity", None)
-        for body in data["substructure"].values():
-            body.pop("body_force", None)
-            body.pop("body_force_law", None)
+        data["load"] = {}
         for boundary in data["boundary"].values():
             # faces stay driven, at zero
             boundary |= {"value": [0.0] * len(boundary["value"])} if "value" in boundary else {}
@@ -456,9 +453,7 @@ def something_acts(scene: Scene) -> bool:
     return (
         bool(scene.load or scene.port)
         or any(i.preload or i.preload_force for i in scene.interface.values())
-        or any(any(s.body_force) for s in scene.substructure.values())
-        or scene.gravity is not None
-        or bool(scene.temperature)
+        or bool(scene.body_loads)
         or any(isinstance(b, PrescribedDisplacement) for b in scene.boundary.values())
     )
 
@@ -486,14 +481,6 @@ def _loads(
             yield name, {**tables[name], "law": _raised(amplitude)}
 
 
-def _temperatures(scene: Scene, tables: _Tables, still: list[str]) -> Iterator[tuple[str, _Tables]]:
-    for name, temperature in scene.temperature.items():
-        amplitude, heated = _at_start(name, temperature.law, {}), [n for n in still if temperature.heats(n)]
-        if amplitude != 0.0 and heated:
-            bodies = list(temperature.substructures) if ALL in temperature.substructures else heated
-            yield name, {**tables[name], "substructures": bodies, "law": _raised(amplitude)}
-
-
 def _ports(
     scene: Scene, tables: _Tables, still: list[str], amplitudes: Mapping[str, float], loaded: bool
 ) -> Iterator[tuple[str, _Tables]]:
@@ -508,22 +495,6 @@ def _ports(
         causality = "motion_in" if port.causality == "motion_in" else "force_in"
         kept = {key: value for key, value in tables[name].items() if key != "impedance"}
         yield name, {**kept, "causality": causality, "laws": laws}
-
-
-def _start_body_forces(scene: Scene, data: _Tables, amplitudes: Mapping[str, float]) -> None:
-    """Give body forces and gravity in the tables ``data`` their amplitudes at t = 0, raised from zero."""
-    for name, table in data["substructure"].items():
-        law = scene.substructure[name].body_force_law
-        if any(table["body_force"]):
-            amplitude = _at_start(f"{BODY_FORCE}{name}", law, amplitudes)
-            table |= {"body_force_law": _raised(amplitude)} if amplitude else {"body_force": [0.0] * 3}
-        if not any(table["body_force"]):
-            table["body_force_law"] = "constant"
-    if scene.gravity is not None:
-        amplitude = _at_start(GRAVITY, scene.gravity.law, amplitudes)
-        data["gravity"]["law"] = _raised(amplitude)
-        if not amplitude or not any(scene.gravity.acceleration):
-            data.pop("gravity")
 
 
 def _at_start(name: str, law: TimeLaw, amplitudes: Mapping[str, float]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from inspect import isabstract
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +169,7 @@ def test_every_table_is_offered_in_python() -> None:
 
     offered = {getattr(tables, name) for name in tables.__all__}
     made = {t for t in below(SceneTable) if t.__module__.startswith("latin_fmu.scene") and t.__name__[0] != "_"}
+    made = {table for table in made if not isabstract(table)}  # kinds of loads are keys of one table
     assert made - {SceneTable, Scene} == offered
 
 
