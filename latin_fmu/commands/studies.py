@@ -278,7 +278,7 @@ def stress(
         if json:
             say(verdict(rows, left_out))
         return LIMITED
-    return CONVERGED if all(row.passed or row.known for row in rows) else NOT_CONVERGED
+    return CONVERGED if all(row.passed or row.known_fault for row in rows) else NOT_CONVERGED
 
 
 @command(_SWEEP_EXAMPLES, feeds=("sweep", "sample"))
