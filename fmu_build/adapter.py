@@ -326,8 +326,8 @@ class CoSimulationAdapter(Opened):
     def make(self, numbers: memoryview, starts: memoryview, accuracy: float, address: memoryview) -> int:
         """Write the address of the image for these values of the variables, and amplitudes of the inputs at the
         start; ``accuracy`` : that the host wants, 0 where it says nothing."""
-        given = self._array(numbers).tolist(), accuracy, self._array(starts).tolist() if starts.nbytes else []
-        return self._done(lambda: self._array(address, "i8").__setitem__(0, self._maker.make(*given)))
+        arguments = self._array(numbers).tolist(), accuracy, self._array(starts).tolist() if starts.nbytes else []
+        return self._done(lambda: self._array(address, "i8").__setitem__(0, self._maker.make(*arguments)))
 
     def table_of_file(self, path: bytes, rows: list[bytes]) -> int:
         """Append the histories in a netCDF file as a table of text."""

@@ -306,8 +306,8 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = Fals
     ------
     NeedsPythonError : the scene cannot be compiled; InputError : it cannot be built, or not here.
     """
-    known = {name: code for name, code in libraries(portable).items() if fmi in bridge.PLATFORMS[name]}
-    if not known:
+    fit = {name: code for name, code in libraries(portable).items() if fmi in bridge.PLATFORMS[name]}
+    if not fit:
         remedy = "use FMI 3, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64"
         problem = Problem("FMI", "has no platform for the libraries that are here", fmi, None, remedy)
         raise InputError([problem], "the FMU cannot be compiled")
@@ -319,7 +319,7 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = Fals
         **_shared_files(facts, fmi),
         **{
             f"binaries/{bridge.PLATFORMS[name][fmi]}/{facts.identifier}{library.suffix(name)}": code
-            for name, code in known.items()
+            for name, code in fit.items()
         },
         "resources/image.bin": run.image,
         "resources/variables.bin": run.variables,

@@ -50,17 +50,17 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
 
     Raises InputError for a name that is not there.
     """
-    known = settable_of(scene)
-    wanted = list(known) if list(names) == ["all"] else list(names)
-    if unknown := [name for name in wanted if name not in known]:
-        close = {name: did_you_mean(name, known) for name in unknown}
-        close |= {n: f"did you mean {full!r}?" for n in unknown for full in known if full.rpartition(".")[2] == n}
+    loads = settable_of(scene)
+    wanted = list(loads) if list(names) == ["all"] else list(names)
+    if unknown := [name for name in wanted if name not in loads]:
+        close = {name: did_you_mean(name, loads) for name in unknown}
+        close |= {n: f"did you mean {full!r}?" for n in unknown for full in loads if full.rpartition(".")[2] == n}
         what = "no such load, and nothing else that drives the scene"
-        raise InputError([Problem(f"input {n}", what, None, listed(known), close[n]) for n in unknown])
-    laws: dict[str, TimeLaw] = {name: known[name] for name in wanted}
+        raise InputError([Problem(f"input {n}", what, None, listed(loads), close[n]) for n in unknown])
+    laws: dict[str, TimeLaw] = {name: loads[name] for name in wanted}
     laws.update(inputs_of(scene))
-    given = {name: InputLaw(start_value=float(laws[name].sample(np.zeros(1))[0])) for name in wanted}  # at t = 0
-    return Inputs(with_laws(scene, given), laws)
+    inputs = {name: InputLaw(start_value=float(laws[name].sample(np.zeros(1))[0])) for name in wanted}  # at t = 0
+    return Inputs(with_laws(scene, inputs), laws)
 
 
 _SCHEMAS = {"2.0": "fmi2/fmi2ModelDescription.xsd", "3.0": "fmi3/fmi3ModelDescription.xsd"}

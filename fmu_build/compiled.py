@@ -90,10 +90,10 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
     ------
     InputError : there is none that was made from these sources.
     """
-    known, end = c_runtime.digest().encode(), library.PORTABLE if portable else ""
-    made = library.shipped()
-    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith(library.PORTABLE) == portable}
-    fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}
+    digest, end = c_runtime.digest().encode(), library.PORTABLE if portable else ""
+    shipped = library.shipped()
+    wanted = {name.removesuffix(end): shipped[name] for name in shipped if name.endswith(library.PORTABLE) == portable}
+    fit = {name: content for name, path in wanted.items() if digest in (content := path.read_bytes())}
     if not fit:
         targets = " ".join(f"{name}{end}" for name in ("linux-x86_64", "windows-x86_64"))
         known_targets = ", ".join(name for name in linking.TARGETS if name.endswith(library.PORTABLE) == portable)
@@ -201,13 +201,15 @@ def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: StoredV
     for dim, size in zip(dims, values.shape, strict=True):
         if dim not in file.dimensions:
             file.createDimension(dim, size)
-    made = file.createVariable(_flat(path, name), values.dtype, dims)
+    target = file.createVariable(_flat(path, name), values.dtype, dims)
     if values.dtype.kind == "S":
-        made.setncattr("_Encoding", "utf-8")
-        made.set_auto_chartostring(False)
-    made[...] = values
+        target.setncattr("_Encoding", "utf-8")
+        target.set_auto_chartostring(False)
+    target[...] = values
     for key, value in variable.attrs.items():
-        made.setncattr(key, value.astype("i4") if isinstance(value, np.ndarray) and value.dtype.kind == "i" else value)
+        target.setncattr(
+            key, value.astype("i4") if isinstance(value, np.ndarray) and value.dtype.kind == "i" else value
+        )
 
 
 def _interfaces(run: CommunicationRun) -> Iterator[tuple[str, StoredGroup]]:
@@ -229,26 +231,26 @@ def _outputs(table: Sequence[Variable]) -> Iterator[tuple[str, StoredGroup]]:
         for v in table
         if v.causality == "output" and not v.is_array
     }
-    made: dict[str, dict[str, np.ndarray]] = {}
+    arrays_by_path: dict[str, dict[str, np.ndarray]] = {}
     for name, n in names.items():
-        family, *own, what = name.split(".") if "." in name else ("", name)
+        family, *owner, what = name.split(".") if "." in name else ("", name)
         if family in _FAMILIES and what in _FAMILIES[family][1]:
-            path = "/".join(["", _FAMILIES[family][0], *own])
-            made.setdefault(path, {})[what] = np.zeros((1, 3) if n == 3 else 1)
+            path = "/".join(["", _FAMILIES[family][0], *owner])
+            arrays_by_path.setdefault(path, {})[what] = np.zeros((1, 3) if n == 3 else 1)
     meanings = dict(_FAMILIES.values())
-    for path, arrays in made.items():
+    for path, arrays in arrays_by_path.items():
         labels = {"component": AXES} if any(values.ndim > 1 for values in arrays.values()) else {}
         yield path, StoredGroup.of(named(meanings[path.split("/")[1]], arrays), named(LABELS, labels))
 
 
 def _source(path: str, name: str, places: Mapping[str, int]) -> tuple[str, int] | None:
     """Where a variable of a record comes from; None where C has no such numbers."""
-    family, _, own = path.removeprefix("/").partition("/")
-    prefix = {known: key for key, (known, _) in _FAMILIES.items()} | {"interfaces": "interface"}
-    stem = ".".join(part for part in (prefix[family], own) if part)
+    family, _, owner = path.removeprefix("/").partition("/")
+    prefix = {variable: key for key, (variable, _) in _FAMILIES.items()} | {"interfaces": "interface"}
+    stem = ".".join(part for part in (prefix[family], owner) if part)
     if family == "interfaces" and name in _POINTS:
         return "field", places[f"{stem}.points.{_POINTS[name]}"]
-    for known in (f"{stem}.{name}", f"{stem}.{name}[1]"):
-        if known in places:
-            return "output", places[known]
+    for variable in (f"{stem}.{name}", f"{stem}.{name}[1]"):
+        if variable in places:
+            return "output", places[variable]
     return None

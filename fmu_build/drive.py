@@ -164,13 +164,13 @@ class Drive:
         kind = variable.type
         whole, text = kind in ("Integer", "Int32", "UInt64"), kind == "String"
         try:
-            given = str(value) if text else float(value)
-            if whole and given != int(given):
+            number = str(value) if text else float(value)
+            if whole and number != int(number):
                 raise ValueError
         except (ValueError, OverflowError):
             allowed = "a whole number" if whole else f"a value of type {kind}"
             raise InputError([Problem(name, "not a number", str(value)[:80], allowed)]) from None
-        getattr(self._fmu, f"set{kind}")(reference, [int(given) if whole else given])
+        getattr(self._fmu, f"set{kind}")(reference, [int(number) if whole else number])
 
     def read(self, names: Sequence[str]) -> list[float]:
         """Values of real variables, read at once."""
@@ -272,8 +272,8 @@ class Integration:
     def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
         self._path, self._start, self._inputs = str(path), dict(start or {}), dict(inputs or {})
         description = described(self._path)
-        known = {v.name for v in description.modelVariables}
-        unknown = [n for n in (*self._start, *self._inputs) if n not in known and n != "time"]
+        names = {v.name for v in description.modelVariables}
+        unknown = [n for n in (*self._start, *self._inputs) if n not in names and n != "time"]
         if unknown:
             raise InputError([Problem(n, "no variable of this name") for n in unknown], "the FMU cannot be integrated")
         self._rest = {v.name: float(v.start or 0.0) for v in description.modelVariables if v.causality == "input"}

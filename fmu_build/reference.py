@@ -50,7 +50,7 @@ Files in {folder}:
 {inputs}{stem}_ref.csv  outputs at {rows} of its {points} communication points
 
 {extent}
-{given}
+{note}
 The outputs were computed by a session of {program}, without the FMI. Counts of
 iterations and the residual of the energies, which depend on round-off, are left out.
 
@@ -94,9 +94,9 @@ def reference_of(scene: Scene, laws: Mapping[str, TimeLaw] | None = None, whole:
         return ReferenceRun({}, "no reference run: the kernels are plain Python here (--reference whole makes it)")
     step = suggested_step(scene)
     n = max(1, round(scene.time.end / step))
-    kept = n if whole else _within(Prediction(discretise(scene)), n)
+    n_step = n if whole else _within(Prediction(discretise(scene)), n)
     histories = {name: _history(name, law, laws or {}, scene.time.end) for name, law in inputs_of(scene).items()}
-    run = _solved(scene, histories, [scene.time.end * i / n for i in range(kept + 1)])
+    run = _solved(scene, histories, [scene.time.end * i / n for i in range(n_step + 1)])
     if len(run.rows) < 2:
         return ReferenceRun({}, f"no reference run: {run.complaint}")
     every = 1 if whole else -(-len(run.rows) * len(run.names) // MOST_NUMBERS)
@@ -110,9 +110,9 @@ def _within(cost: Prediction, n: int) -> int:
 
 
 def _history(name: str, law: InputLaw, laws: Mapping[str, TimeLaw], end: float) -> TimeLaw:
-    given = laws.get(name, law)
-    if not isinstance(given, InputLaw):
-        return given
+    effective = laws.get(name, law)
+    if not isinstance(effective, InputLaw):
+        return effective
     start = law.start_value
     # names of loads alone have no dot
     return TableLaw(times=(0.0, end), values=(start, start if "." in name else 1.0))
@@ -153,8 +153,8 @@ def _files(scene: Scene, run: _Run, n: int, every: int) -> ReferenceRun:
     if last < n:
         why = run.complaint or f"the whole of it was foreseen to take more than {LONGEST:g} s of CPU time"
         extent += f", the beginning of the default experiment of {scene.time.end:g} s: {why}"
-    given = "Inputs that had a law in the scene follow it; other loads rise in a straight line from their start value\n"
-    given += "to 1 (the amplitude of the scene), all other inputs keep their start value.\n"
+    note = "Inputs that had a law in the scene follow it; other loads rise in a straight line from their start value\n"
+    note += "to 1 (the amplitude of the scene), all other inputs keep their start value.\n"
     program = f"latin_fmu {latin_fmu.__version__}"
     text = _TEXT.format(
         version=VERSION,
@@ -164,7 +164,7 @@ def _files(scene: Scene, run: _Run, n: int, every: int) -> ReferenceRun:
         rows=len(rows),
         points=last + 1,
         extent=f"Experiment: {extent}.",
-        given=given if run.inputs else "",
+        note=note if run.inputs else "",
         program=program,
     )
     files = {f"{stem}_ref.csv": _table(["time", *run.names], rows)}

@@ -75,8 +75,8 @@ def write_ssp(
             files[source] = _parameter_set(component, model, values)
             SubElement(SubElement(element, "ssd:ParameterBindings"), "ssd:ParameterBinding", {"source": source})
     lines = SubElement(system, "ssd:Connections")
-    for first, output, second, given in connections:
-        ends = {"startElement": first, "startConnector": output, "endElement": second, "endConnector": given}
+    for first, output, second, target_input in connections:
+        ends = {"startElement": first, "startConnector": output, "endElement": second, "endConnector": target_input}
         SubElement(lines, "ssd:Connection", ends)
     size = repr(stop / 50 if step is None else float(step))
     about = {"name": _DEFAULT_MASTER, "method": _MASTER.replace("-", "_"), "fixedStepSize": size}

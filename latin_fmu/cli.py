@@ -167,8 +167,8 @@ def _check_paths(arguments: argparse.Namespace) -> None:
     if output is None or not output.is_file():
         return
     for name in _INPUTS:
-        given = getattr(arguments, name, None)
-        for path in given if isinstance(given, list) else [given]:
+        value = getattr(arguments, name, None)
+        for path in value if isinstance(value, list) else [value]:
             if path is not None and path.is_file() and output.samefile(path):
                 what = "this file is an input, the output would replace it"
                 raise InputError.of("bad argument", str(output), what, remedy="name another file")

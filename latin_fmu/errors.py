@@ -109,15 +109,15 @@ class SolverError(LatinError):
 
 def listed(names: Iterable[str], most: int = 12) -> str:
     """Names for a message, the first ones of many; "none" where there are none."""
-    known = sorted(names)
-    return (", ".join(known[:most]) + (f", ... ({len(known)} in all)" if len(known) > most else "")) or "none"
+    ordered = sorted(names)
+    return (", ".join(ordered[:most]) + (f", ... ({len(ordered)} in all)" if len(ordered) > most else "")) or "none"
 
 
-def did_you_mean(name: object, known: Iterable[str]) -> str | None:
+def did_you_mean(name: object, candidates: Iterable[str]) -> str | None:
     """ "did you mean 'x'?" for the closest known name, None where nothing comes close."""
     if not isinstance(name, str) or len(name) > 200:
         return None
-    names = list(known)
+    names = list(candidates)
     lowered = {known_name.lower(): known_name for known_name in names}
     close = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.6)
     return f"did you mean {lowered[close[0]]!r}?" if close else None

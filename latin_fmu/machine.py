@@ -140,9 +140,9 @@ def group_limits(
             if not first and "memory" not in controllers.split(","):
                 continue
             folder, name = (root, "memory.max") if first else (root / "memory", "memory.limit_in_bytes")
-            own = folder / path.strip("/")
+            group = folder / path.strip("/")
             # the least of the groups above holds, too
-            for place in (own, *own.parents):
+            for place in (group, *group.parents):
                 if place.is_relative_to(folder):
                     with suppress(OSError, ValueError):  # "max" is no number
                         limits.append((int((place / name).read_text(encoding="ascii")), "control group"))

@@ -60,10 +60,10 @@ class Remark(str):
 
     def __new__(cls, code: str, text: str) -> Self:
         """A remark of this code; a text that is a remark keeps its own."""
-        made = super().__new__(cls, text)
-        made.code = text.code if isinstance(text, Remark) else code
-        assert made.code in REMARKS, made.code
-        return made
+        remark = super().__new__(cls, text)
+        remark.code = text.code if isinstance(text, Remark) else code
+        assert remark.code in REMARKS, remark.code
+        return remark
 
     def __reduce__(self) -> tuple[type[Self], tuple[str, str]]:
         return type(self), (self.code, str(self))

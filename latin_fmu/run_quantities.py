@@ -85,10 +85,10 @@ class Signal:
         difference of both peaks that is not small by chance."""
         grid = np.union1d(self.along, other.along)
         grid = grid[grid <= min(self.along[-1], other.along[-1])]
-        own = self.at(grid)
-        size = np.linalg.norm(own, axis=1)
+        values = self.at(grid)
+        size = np.linalg.norm(values, axis=1)
         near = size >= NEAR_PEAK * size.max(initial=0.0)
-        return float(np.linalg.norm((own - other.at(grid))[near], axis=1).max(initial=0.0))
+        return float(np.linalg.norm((values - other.at(grid))[near], axis=1).max(initial=0.0))
 
     def largest_ratio(self, other: Signal) -> float:
         """Largest difference of a component over the largest component here, over the points that both have; NaN where
@@ -153,8 +153,8 @@ class Quantities:
         owner, _, key = quantity.rpartition(".")
         defining = self if defining is None else defining
         if key == FORCE_RMS.key:
-            own = self.forces[owner]
-            return own.distance(other.forces[owner]) / math.sqrt(own.time[-1] - own.time[0])
+            force = self.forces[owner]
+            return force.distance(other.forces[owner]) / math.sqrt(force.time[-1] - force.time[0])
         if key == DISPLACEMENT.key and owner in self.vectors and owner in other.vectors:
             return float(np.linalg.norm(self.vectors[owner] - other.vectors[owner]))
         if key in (DISPLACEMENT_RMS.key, VELOCITY_RMS.key):
@@ -284,24 +284,24 @@ class Band:
     Attributes
     ----------
     chosen : low pass. highest : frequency that the mesh resolves, Hz. frequencies : of the spectrum, Hz, empty where
-        none is requested. quality : of its oscillators. known : the spectrum where it exists already.
+        none is requested. quality : of its oscillators. spectrum : that one where it exists already.
     """
 
     chosen: Filter
     highest: float
     frequencies: tuple[float, ...] = ()
     quality: float = 10.0
-    known: ShockSpectrum | None = None
+    spectrum: ShockSpectrum | None = None
 
     @classmethod
-    def of(cls, scene: Scene, sensor: Sensor, known: ShockSpectrum | None = None) -> Band:
-        """That of a sensor of a scene by its mesh and step as written; ``known``: its spectrum in a run of that."""
+    def of(cls, scene: Scene, sensor: Sensor, spectrum: ShockSpectrum | None = None) -> Band:
+        """That of a sensor of a scene by its mesh and step as written; ``spectrum``: its own in a run of that."""
         highest, request = resolved_frequency(scene), sensor.spectrum
         chosen = LowPass(cutoff=highest) if sensor.filter is None else sensor.filter
         if request is None:
             return cls(chosen, highest)
         frequencies = request.frequencies(scene.time.time_step, scene.time.end)
-        return cls(chosen, highest, frequencies, request.quality, known)
+        return cls(chosen, highest, frequencies, request.quality, spectrum)
 
 
 def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end: float, band: Band) -> None:
@@ -325,7 +325,7 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
         return
     frequencies = np.array([f for f in band.frequencies if f <= highest_frequency(step)])
     if frequencies.size:
-        spectrum = band.known
+        spectrum = band.spectrum
         if spectrum is None:
             samples = history.acceleration
             spectrum = shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=LINES)
@@ -353,8 +353,8 @@ def measure_solution(scene: Scene, solution: Solution) -> Quantities:
     quantities = measure(solution.outcome.interface_time, solution.interfaces, end)
     for name, history in solution.sensors.items():
         # with other steps than those as written its frequencies are others
-        known = solution.spectra.get(name) if len(solution.time) == scene.time.n_step + 1 else None
-        band = Band.of(scene, scene.sensor[name], known)
+        spectrum = solution.spectra.get(name) if len(solution.time) == scene.time.n_step + 1 else None
+        band = Band.of(scene, scene.sensor[name], spectrum)
         add_sensor(quantities, solution.time, history, end, band)
     for bolt in solution.bolts.values():
         add_bolt(quantities, solution.time, bolt, end)

@@ -51,10 +51,10 @@ KINDS: Final[tuple[Kind, ...]] = ("maker", "exchange")
 
 def sources(kind: Kind) -> list[Path]:
     """The C sources of a library, in the order of compilation."""
-    own = [HERE / "interpreter.c", HERE / ("make.c" if kind == "maker" else "exchange.c")]
+    first = [HERE / "interpreter.c", HERE / ("make.c" if kind == "maker" else "exchange.c")]
     if kind == "maker":
-        return [*own, *(path for path in c_runtime.sources() if path.suffix == ".c")]
-    return [*own, *(c_runtime.HERE / name for name in ("common.c", "calls.c", "fmi2.c", "fmi3.c"))]
+        return [*first, *(path for path in c_runtime.sources() if path.suffix == ".c")]
+    return [*first, *(c_runtime.HERE / name for name in ("common.c", "calls.c", "fmi2.c", "fmi3.c"))]
 
 
 def options(kind: Kind) -> list[str]:
@@ -83,9 +83,9 @@ def libraries(kind: Kind) -> dict[str, Path]:
             if (folder / file_name(name, kind)).is_file():
                 there[name] = folder / file_name(name, kind)
                 break
-    own = target()
-    if own in PLATFORMS and own not in there:
-        there[own] = compiled(own, kind, BUILD, ["cc"] if shutil.which("cc") else zig(own))
+    platform = target()
+    if platform in PLATFORMS and platform not in there:
+        there[platform] = compiled(platform, kind, BUILD, ["cc"] if shutil.which("cc") else zig(platform))
     return there
 
 
@@ -100,19 +100,19 @@ def compiled(target: str, kind: Kind, folder: Path, compiler: Sequence[str]) -> 
     folder.mkdir(parents=True, exist_ok=True)
     # beside its target: a file is replaced at once in one file system only
     with tempfile.TemporaryDirectory(dir=folder) as place:
-        made = Path(place) / library.name
+        draft = Path(place) / library.name
         # hidden: functions of FMUs in one process have the same names
         shared = ["-std=gnu99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
         libraries = [] if target.startswith("windows") else ["-ldl", "-lm"]
         if target.startswith("darwin"):
             # the name by which others would link it, and not the path where it is made
             libraries.append(f"-Wl,-install_name,@rpath/{library.name}")
-        command = [*compiler, *shared, *options(kind), "-o", str(made), *map(str, sources(kind)), *libraries]
+        command = [*compiler, *shared, *options(kind), "-o", str(draft), *map(str, sources(kind)), *libraries]
         environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(folder / "zig"))
         done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
         if done.returncode:
             raise RuntimeError(f"the library of the FMU for {target} cannot be compiled: {done.stderr.strip()}")
-        os.replace(made, library)  # whole or not at all
+        os.replace(draft, library)  # whole or not at all
     return library
 
 

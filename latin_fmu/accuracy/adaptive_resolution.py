@@ -155,10 +155,10 @@ class RefinementSequence:
         self, scene: Scene, resolution: Resolution, note: str = "", limited: bool = True
     ) -> tuple[MeasuredRun, Solution]:
         while True:
-            left = None if self.limit is None or not limited else max(self.limit - self.seconds, 0.0)
+            budget = None if self.limit is None or not limited else max(self.limit - self.seconds, 0.0)
             tolerance = self.scene.solver.tolerance
             scene = scene.model_copy(update={"solver": with_tolerance(scene, tolerance)})
-            run, solution = solved(self.scene, scene, resolution, max_cpu=left)
+            run, solution = solved(self.scene, scene, resolution, max_cpu=budget)
             self.seconds += run.cpu
             label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
             self.log(label if run.converged else f"{label}: {run.status}")
@@ -373,9 +373,9 @@ class _Search:
         if not self.sequence.runs:
             return ""
         seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
-        left = self.limit - self.sequence.seconds
-        if seconds > left:
-            used = f"of the limit of {self.limit:g} s for all runs {max(left, 0.0):.2g} s are left"
+        budget = self.limit - self.sequence.seconds
+        if seconds > budget:
+            used = f"of the limit of {self.limit:g} s for all runs {max(budget, 0.0):.2g} s are left"
             return f"the next run would take about {seconds:.2g} CPU s; {used}"
         memory = memory_at(self.scene, at)
         # 0: the system does not report its memory

@@ -137,14 +137,14 @@ def _of_bodies(problem: DiscretisedProblem, solution: Solution) -> Iterator[str]
     largest = max(totals.values(), default=0.0)
     if largest == 0.0:
         return
-    held = {n for n, c in problem.conditions.items() if c.held.any()}
+    supported = {n for n, c in problem.conditions.items() if c.held.any()}
     for name, history in histories.items():
         if problem.bodies[name].rigid:
             continue
         # energies are squares: velocities of some 1e-6 of those of the others
         if totals[name] <= 1e-12 * largest:
             yield f"substructure {name} stays at rest"
-        elif strains[name] <= STIFF * largest and name not in held:
+        elif strains[name] <= STIFF * largest and name not in supported:
             yield (
                 f"substructure {name} is practically rigid: its strain energy is {100 * strains[name] / largest:.2g} % "
                 "of the largest energy"

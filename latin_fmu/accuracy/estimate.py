@@ -307,8 +307,8 @@ class CoarserRuns:
         """Estimates of all quantities of a run of ``scene``; ``coarser`` by name, empty without ``half``."""
         if "half" not in coarser:
             return ()
-        made = ((at, coarser[name]) for name, at in self.by_name().items() if name in coarser)
-        runs = [(Resolution(), fine), *made]
+        pairs = ((at, coarser[name]) for name, at in self.by_name().items() if name in coarser)
+        runs = [(Resolution(), fine), *pairs]
         sampling = sampling_error(scene)
         front = has_front(fine)
         return tuple(quantity_estimate(scene, q, runs, sampling, front) for q in fine.values)
@@ -400,14 +400,14 @@ def estimate_error(
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if log is not None:
             log(f"error estimate: {text}")
-        left = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
+        budget = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
         # several processes have run for unlike times: each coarser run stops all of them before the same instant
-        if left == 0.0 and processes is None:
+        if budget == 0.0 and processes is None:
             remarks.append(f"no coarser run ({text}): the limit of CPU time leaves no time for it; give a higher one")
             continue
         try:
             progress = shares.of(resolution)
-            run = run_at(lean, resolution, progress=progress, processes=processes, stream=stream, max_cpu=left)
+            run = run_at(lean, resolution, progress=progress, processes=processes, stream=stream, max_cpu=budget)
             shares.update(1, 1, run.iterations[1], 0.0)
         except LatinError as error:
             remarks.append(f"no coarser run ({text}): {message_of(error)}")

@@ -274,15 +274,15 @@ def changes(scene: Scene, plain: Solution, other: Solution) -> dict[str, float]:
     Each is the largest change, of a history its root mean square, over the largest value of its kind; what one of the
     solutions does not have is left out. ``scene`` : of ``plain``.
     """
-    made: dict[str, float] = {}
+    changes_by_group: dict[str, float] = {}
     for group, (one, two) in zip(GROUPS[:2], zip(_histories(plain), _histories(other), strict=True), strict=True):
         size = max((signal.root_mean_square() for signal in one.values()), default=0.0)
         apart = [one[name].distance(two[name]) / size for name in one if name in two and size > 0.0]
-        made |= {group: max(apart)} if apart else {}
+        changes_by_group |= {group: max(apart)} if apart else {}
     peaks, others = ({q: v for q, v in measure_solution(scene, s).values.items() if _peak(q)} for s in (plain, other))
     size = max(peaks.values(), default=0.0)
     apart = [abs(value - others[q]) / size for q, value in peaks.items() if q in others and size > 0.0]
-    return made | ({GROUPS[2]: max(apart)} if apart else {})
+    return changes_by_group | ({GROUPS[2]: max(apart)} if apart else {})
 
 
 def _peak(quantity: str) -> bool:
@@ -314,8 +314,8 @@ def _switches(scene: Scene, solution: Solution) -> Iterator[Switch]:
     if not scene.time.quasi_static:
         yield _set("waves above some modes", "solver.propagator=reduced")
         yield Switch("inertia", "time.quasi_static = true", _static)
-    kept = [k for k in type(scene.output).model_fields if getattr(scene.output, k) is True]
-    yield from (_set(f"output of {key}", f"output.{key}=false") for key in kept)
+    outputs = [k for k in type(scene.output).model_fields if getattr(scene.output, k) is True]
+    yield from (_set(f"output of {key}", f"output.{key}=false") for key in outputs)
     spectra = [f"sensor.{n}.spectrum" for n, s in scene.sensor.items() if s.spectrum is not None]
     if spectra:
         yield Switch("spectra", f"without {', '.join(spectra)}", _without(*spectra))
@@ -366,23 +366,25 @@ def _of_bodies(scene: Scene, solution: Solution) -> Iterator[Switch]:
 
 def _untouched(scene: Scene, solution: Solution, name: str) -> bool:
     """Whether a body has interfaces, all of which are open all the time."""
-    own = [n for n, i in scene.interface.items() if name in {split_face(side)[0] for side in i.sides}]
-    states = [solution.interfaces[n].contact_status for n in own if n in solution.interfaces]
+    interfaces = [n for n, i in scene.interface.items() if name in {split_face(side)[0] for side in i.sides}]
+    states = [solution.interfaces[n].contact_status for n in interfaces if n in solution.interfaces]
     return bool(states) and not scene.contact and all(s is not None and (s == SEPARATION).all() for s in states)
 
 
-def _few(made: Sequence[Switch]) -> tuple[list[Switch], list[str]]:
+def _few(candidates: Sequence[Switch]) -> tuple[list[Switch], list[str]]:
     """Not more than a few switches of a kind; the names of the others."""
     kinds: dict[str, list[Switch]] = {}
     once: dict[str, Switch] = {}
-    for switch in made:
+    for switch in candidates:
         once.setdefault(switch.what, switch)  # what is suggested may be one of the others
     for switch in once.values():
         # "friction of NAME" is a kind; settings without an owner are one each
         kind = switch.effect.partition(" of ")[0] if " of " in switch.effect else switch.what
         kinds.setdefault(kind, []).append(switch)
-    unmeasured = [f"{kind} of {len(own) - _EACH} more than {_EACH}" for kind, own in kinds.items() if len(own) > _EACH]
-    return [switch for own in kinds.values() for switch in own[:_EACH]], unmeasured
+    unmeasured = [
+        f"{kind} of {len(members) - _EACH} more than {_EACH}" for kind, members in kinds.items() if len(members) > _EACH
+    ]
+    return [switch for members in kinds.values() for switch in members[:_EACH]], unmeasured
 
 
 # -- edits of tables --------------------------------------------------------------------------------------------------
@@ -412,11 +414,11 @@ def _without(*paths: str) -> Edit:
 
 
 def _bonded(table: str, name: str) -> Edit:
-    kept = ("sides", "bodies", "search", "except", "points_from", "ground", "ground_velocity")
+    keys = ("sides", "bodies", "search", "except", "points_from", "ground", "ground_velocity")
 
     def edit(tables: Tables) -> None:
         row = tables[table][name]
-        tables[table][name] = {key: value for key, value in row.items() if key in kept} | {"behaviour": "perfect"}
+        tables[table][name] = {key: value for key, value in row.items() if key in keys} | {"behaviour": "perfect"}
 
     return edit
 
@@ -433,9 +435,9 @@ def _rigid(name: str) -> Edit:
 def _light(name: str) -> Edit:
     def edit(tables: Tables) -> None:
         body = tables["substructure"][name]
-        own = dict(tables["material"][body["material"]])
-        own["density"] *= _LIGHT
-        tables["material"][f"{body['material']}_{name}"] = own
+        material = dict(tables["material"][body["material"]])
+        material["density"] *= _LIGHT
+        tables["material"][f"{body['material']}_{name}"] = material
         # a material of its own: others keep theirs
         body["material"] = f"{body['material']}_{name}"
 

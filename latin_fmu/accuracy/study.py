@@ -80,13 +80,13 @@ def physics_of(scene: Scene) -> str:
     Settings left at their defaults do not count, so that a new key of the scene file changes no hash.
     """
     data = scene.model_dump(exclude_defaults=True, mode="json")
-    kept: dict[str, Any] = {key: data.get(key, {}) for key in _PHYSICS}
-    for body in kept["substructure"].values():
+    settings: dict[str, Any] = {key: data.get(key, {}) for key in _PHYSICS}
+    for body in settings["substructure"].values():
         body.get("box", {}).pop("elements", None)
-    kept |= {key: data[key] for key in _MORE if data.get(key)}
-    kept |= {key: data["time"][key] for key in _OF_TIME if key in data.get("time", {})}
-    kept["end"] = scene.time.end
-    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+    settings |= {key: data[key] for key in _MORE if data.get(key)}
+    settings |= {key: data["time"][key] for key in _OF_TIME if key in data.get("time", {})}
+    settings["end"] = scene.time.end
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def declared(scene: Scene) -> Reference | None:
@@ -108,9 +108,9 @@ def declared(scene: Scene) -> Reference | None:
         if data["scene"] != scene.name or data["holds_for"] != physics_of(scene):
             return None
         quantities = _quantities(data, scene.time.end)
-        own = _own_error(quantities, data["errors"]) if "errors" in data else None
-        text = f"{'exact' if own is None else 'refined runs'}: {data['source']}"
-        return Reference(quantities, own is None, text, own)
+        errors = _own_error(quantities, data["errors"]) if "errors" in data else None
+        text = f"{'exact' if errors is None else 'refined runs'}: {data['source']}"
+        return Reference(quantities, errors is None, text, errors)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SceneError([_unusable(file, error)], "the reference cannot be used") from error
 
@@ -174,19 +174,19 @@ def variants_of(scene: Scene) -> list[Variant]:
     Quasi-static schemes are left out: they solve another problem.
     """
     short = in_short_windows(scene)
-    own = (short.time.scheme.type, scene.solver.propagator.type)
+    types = (short.time.scheme.type, scene.solver.propagator.type)
     whole = unreduced(scene)
-    of_its_own = {"time": {"scheme": "automatic"}} if own[0] == "generalized_alpha" else {}
+    of_its_own = {"time": {"scheme": "automatic"}} if types[0] == "generalized_alpha" else {}
     variants = [] if whole is None else [whole]
     variants += [
         _changed(short, tag, {"time": {"scheme": tag}, "solver": {"propagator": "automatic"}})
         for tag in _tags(Time, "scheme")
-        if tag not in (own[0], "automatic") and "static" not in tag
+        if tag not in (types[0], "automatic") and "static" not in tag
     ]
     variants += [
         _changed(short, tag, {"solver": {"propagator": tag}, **(of_its_own if tag == "reduced" else {})})
         for tag in _tags(Solver, "propagator")
-        if tag not in ("automatic", "direct", "explicit", own[1])
+        if tag not in ("automatic", "direct", "explicit", types[1])
     ]
     if scene.solver.window == WHOLE:
         variants.append(Variant(AS_WRITTEN, scene))
@@ -320,7 +320,7 @@ class StudyRuns:
         return run
 
     @property
-    def left(self) -> float:
+    def rest(self) -> float:
         """Remaining CPU seconds of the budget."""
         return self.budget - self.spent
 
@@ -362,7 +362,7 @@ class Searched:
     ) -> Searched:
         """From the solution that it ends with, and its estimate."""
         told = () if solution.estimate is None else solution.estimate.quantities
-        errors = {own.quantity: own.error for own in told}
+        errors = {estimate.quantity: estimate.error for estimate in told}
         return cls(target, reached, cpu, at, measure_solution(scene, solution), errors)
 
 
@@ -401,8 +401,8 @@ class Study:
         finest = self.reference.resolution
         # 0.75: the error of a reference hardly finer is as large as the one measured
         finer = finest is None or min(at.mesh / finest.mesh, at.time / finest.time) <= 0.75
-        known = quantity in quantities.values and quantity in self.reference.quantities.scales
-        return quantities.error(quantity, self.reference.quantities) if finer and known else math.nan
+        measured = quantity in quantities.values and quantity in self.reference.quantities.scales
+        return quantities.error(quantity, self.reference.quantities) if finer and measured else math.nan
 
     @property
     def quantities(self) -> list[str]:
@@ -422,12 +422,12 @@ def study(scene: Scene, budget: float, log: Log) -> Study:
     ------
     SceneError : the scene cannot be built as written.
     """
-    made = StudyRuns(budget, log)
+    study_runs = StudyRuns(budget, log)
     main = main_variant(scene)
     factors = _factors(scene, (0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0))
-    made.warm_up(main, _at(scene, factors[0]))
+    study_runs.warm_up(main, _at(scene, factors[0]))
     coarse = [_at(scene, f) for f in factors if f <= 1.0]
-    runs = [r for r in (made.run(TOGETHER, main, at, save=True) for at in coarse) if r is not None]
+    runs = [r for r in (study_runs.run(TOGETHER, main, at, save=True) for at in coarse) if r is not None]
     if not runs:
         at_resolution(scene, Resolution())  # raises the error of the scene
     reference = declared(scene)
@@ -435,36 +435,36 @@ def study(scene: Scene, budget: float, log: Log) -> Study:
         # of the budget: a reference of its own has to be finer than all others
         share = 0.35 if reference is None else 0.15
         if runs and RunTimeFit.of(scene, runs[-2:]).seconds(f, f) < share * budget:
-            run = made.run(TOGETHER, main, _at(scene, f), save=True)
+            run = study_runs.run(TOGETHER, main, _at(scene, f), save=True)
             runs += [] if run is None else [run]
-    result = Study(scene, main.name, reference or finest_reference(scene, made, main, runs))
-    _refine_separately(scene, made, main)
+    result = Study(scene, main.name, reference or finest_reference(scene, study_runs, main, runs))
+    _refine_separately(scene, study_runs, main)
     if (whole := unreduced(scene)) is not None:
-        made.run(REDUCTION, whole, _at(scene, 1.0))
-    _refine_others(scene, made, factors)
-    _vary_windows(scene, made, result)
+        study_runs.run(REDUCTION, whole, _at(scene, 1.0))
+    _refine_others(scene, study_runs, factors)
+    _vary_windows(scene, study_runs, result)
     result.searches = _searched(scene, budget, log)
-    result.rows, result.seconds = made.rows, made.spent + sum(search.cpu for search in result.searches)
+    result.rows, result.seconds = study_runs.rows, study_runs.spent + sum(search.cpu for search in result.searches)
     return result
 
 
 def _searched(scene: Scene, budget: float, log: Log) -> list[Searched]:
     """The run as written with its estimate, and searches for ever smaller errors of the target quantity, until one is
     refused; each may take a tenth of the budget."""
-    made = []
+    results = []
     with contextlib.suppress(LatinError):
         start = clock.process_time()
         solution = solve(scene)
         solution = replace(solution, estimate=estimate_error(scene, solution))
         if solution.converged:
             cpu = clock.process_time() - start
-            made.append(Searched.of(None, True, cpu, Resolution(), scene, solution))
+            results.append(Searched.of(None, True, cpu, Resolution(), scene, solution))
         for target in SEARCHED:
             choice = choose(scene, target, 0.1 * budget, log)
             if choice.solution is None or not choice.reached:
                 break
-            made.append(Searched.of(target, True, choice.seconds, choice.resolution, scene, choice.solution))
-    return made
+            results.append(Searched.of(target, True, choice.seconds, choice.resolution, scene, choice.solution))
+    return results
 
 
 def _factors(scene: Scene, wanted: tuple[float, ...]) -> list[float]:
@@ -477,46 +477,46 @@ def _at(scene: Scene, factor: float) -> Resolution:
     return Resolution(factor if coarsens_mesh(scene) else 1.0, aligned(scene, factor))
 
 
-def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[MeasuredRun]) -> Reference:
+def finest_reference(scene: Scene, study_runs: StudyRuns, main: Variant, runs: list[MeasuredRun]) -> Reference:
     """The finest run as reference, its error estimated from coarser runs."""
     finest = runs[-1]
     at = finest.resolution
     fine_scene = at_resolution(main.scene or scene, at)
     plan = coarser_runs_of(fine_scene)
-    own: ErrorEstimate | None = None
+    estimate: ErrorEstimate | None = None
     if plan is not None:
         coarser: dict[str, Quantities] = {}
         for name, relative in plan.by_name().items():
-            run = made.run(REFERENCE, main, Resolution(at.mesh * relative.mesh, at.time * relative.time))
+            run = study_runs.run(REFERENCE, main, Resolution(at.mesh * relative.mesh, at.time * relative.time))
             if run is not None:
                 coarser[name] = run.quantities
         if estimates := plan.estimates(fine_scene, finest.quantities, coarser):
-            own = ErrorEstimate(estimates)
+            estimate = ErrorEstimate(estimates)
     text = f"refined run: mesh x {at.mesh:.3g}, steps x {at.time:.3g}, {finest.cpu:.3g} CPU s"
-    return Reference(finest.quantities, False, text, own, at)
+    return Reference(finest.quantities, False, text, estimate, at)
 
 
-def _refine_separately(scene: Scene, made: StudyRuns, main: Variant) -> None:
+def _refine_separately(scene: Scene, study_runs: StudyRuns, main: Variant) -> None:
     """Mesh alone at twice the steps; step alone on the mesh as written; tolerances on several meshes."""
     if coarsens_mesh(scene):
         for f in _factors(scene, (0.35, 0.5, 1.0, 2.0)):
-            made.run(SPACE, main, Resolution(f, aligned(scene, 2.0)))
+            study_runs.run(SPACE, main, Resolution(f, aligned(scene, 2.0)))
     for f in (0.25, 0.5, 1.0, 2.0, 4.0):
-        made.run(TIME, main, Resolution(1.0, aligned(scene, f)))
+        study_runs.run(TIME, main, Resolution(1.0, aligned(scene, f)))
     for f in _factors(scene, (0.35, 0.5, 1.0, 1.41)):
         at = _at(scene, f)
         for tolerance in (TIGHT, *TOLERANCES):
-            made.run(TOLERANCE, main, Resolution(at.mesh, at.time, tolerance))
+            study_runs.run(TOLERANCE, main, Resolution(at.mesh, at.time, tolerance))
 
 
-def _refine_others(scene: Scene, made: StudyRuns, factors: list[float]) -> None:
+def _refine_others(scene: Scene, study_runs: StudyRuns, factors: list[float]) -> None:
     """Other schemes and propagators, mesh and step together; shorter steps where the step is refused."""
     others = variants_of(scene)
     for i, variant in enumerate(others):
-        share = 0.6 * made.left / (len(others) - i)
+        share = 0.6 * study_runs.rest / (len(others) - i)
         runs: list[MeasuredRun] = []
         for f in [g for g in factors if g > 0.3]:
-            run = _with_stable_steps(scene, made, variant, f)
+            run = _with_stable_steps(scene, study_runs, variant, f)
             runs += [] if run is None else [run]
             if variant.scene is None:
                 break
@@ -526,17 +526,17 @@ def _refine_others(scene: Scene, made: StudyRuns, factors: list[float]) -> None:
                 break
 
 
-def _with_stable_steps(scene: Scene, made: StudyRuns, variant: Variant, factor: float) -> MeasuredRun | None:
+def _with_stable_steps(scene: Scene, study_runs: StudyRuns, variant: Variant, factor: float) -> MeasuredRun | None:
     """A run with mesh and step refined together; a step refused as too long is halved, twice at most."""
     at = _at(scene, factor)
     for shorter in (1.0, 2.0, 4.0):
-        run = made.run(TOGETHER, variant, Resolution(at.mesh, at.time * shorter))
-        if run is not None or "step is longer" not in made.rows[-1].failure:
+        run = study_runs.run(TOGETHER, variant, Resolution(at.mesh, at.time * shorter))
+        if run is not None or "step is longer" not in study_runs.rows[-1].failure:
             return run
     return None
 
 
-def _vary_windows(scene: Scene, made: StudyRuns, result: Study) -> None:
+def _vary_windows(scene: Scene, study_runs: StudyRuns, result: Study) -> None:
     """Iterations and passes by window length and search direction, on half the mesh."""
     at = _at(scene, _factors(scene, (0.5,))[0])
     for length in (1, 2, 5, 10, 25, WHOLE):
@@ -544,7 +544,7 @@ def _vary_windows(scene: Scene, made: StudyRuns, result: Study) -> None:
             solver = {"window": length, "search_direction": direction, "acceleration": "anderson"}
             name = f"window {length}, {direction}"
             variant = Variant(name, changed(scene, {"solver": {**solver, "max_iterations": 100}}))
-            run = made.run(WINDOWS, variant, at)
+            run = study_runs.run(WINDOWS, variant, at)
             if run is not None:
                 result.windows[(str(length), direction)] = (run.iterations[0], run.passes)
 
@@ -578,16 +578,16 @@ def sources(study: Study, quantity: str) -> ErrorSources:
     def at_scene(row: Row) -> bool:
         return row.resolution.mesh == row.resolution.time == 1.0
 
-    own = next((r for r in study.of(TOGETHER) if at_scene(r)), None)
+    as_written = next((r for r in study.of(TOGETHER) if at_scene(r)), None)
     tight = next((r for r in study.of(TOLERANCE) if r.tolerance == TIGHT and at_scene(r)), None)
     whole = next((r for r in study.rows if r.series == REDUCTION and r.run.converged), None)
     return ErrorSources(
         quantity,
-        math.nan if own is None else study.error(own, quantity),
+        math.nan if as_written is None else study.error(as_written, quantity),
         _remaining(study.of(SPACE), quantity, mesh=True),
         _remaining(study.of(TIME), quantity, mesh=False),
-        _distance(own, tight, quantity),
-        _distance(own, whole, quantity),
+        _distance(as_written, tight, quantity),
+        _distance(as_written, whole, quantity),
         _order(study.of(TOGETHER), quantity, mesh=False),
         _order(study.of(SPACE), quantity, mesh=True),
         _order(study.of(TIME), quantity, mesh=False),
@@ -642,8 +642,8 @@ def cheapest(study: Study, quantity: str, target: float, variant: str | None = N
     added to the errors.
     """
     best: Row | None = None
-    own = study.reference.own_error
-    own_error = 0.0 if own is None else own[quantity].error
+    estimate = study.reference.own_error
+    own_error = 0.0 if estimate is None else estimate[quantity].error
     tried = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
     for name in tried if variant is None else (variant,):
         # from the finest: one that is accurate by chance, with finer ones that are not, does not count
@@ -691,13 +691,13 @@ _ORDERS = ("order", "mesh alone", "step alone")
 
 def as_text(study: Study) -> str:
     """Text for the terminal: cost of each accuracy, sources of error, orders, tolerances, failed runs."""
-    own = study.reference.own_error
+    estimate = study.reference.own_error
     lines = [
         f"{study.scene.name}: cost of accuracy ({study.seconds:.0f} CPU s for the study)",
         f"reference: {study.reference.text}",
     ]
-    if own is not None:
-        lines.append("  its own error: " + ", ".join(f"{q.quantity} {percent(q.error)}" for q in own.quantities))
+    if estimate is not None:
+        lines.append("  its own error: " + ", ".join(f"{q.quantity} {percent(q.error)}" for q in estimate.quantities))
     prices: list[tuple[str, ...]] = [("quantity", *(f"for {percent(t)}" for t in TARGETS))]
     prices += [(q, *(_price(cheapest(study, q, t)) for t in TARGETS)) for q in study.quantities]
     split = [(*_SPLIT, *_ORDERS), *(_source(sources(study, q)) for q in study.quantities)]

@@ -171,9 +171,9 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
         width = 2.4 if name == study.main else 0.8
         axes.plot(cost, 100 * errors, label=name, linewidth=width, markersize=3.0 + width, **look)
     _searches(axes, study, quantity)
-    own = study.reference.own_error
-    if own is not None and quantity in study.reference.quantities.values:
-        axes.axhspan(0, 100 * own[quantity].error, color="0.92", zorder=0, label="error of the reference")
+    estimate = study.reference.own_error
+    if estimate is not None and quantity in study.reference.quantities.values:
+        axes.axhspan(0, 100 * estimate[quantity].error, color="0.92", zorder=0, label="error of the reference")
     axes.axhline(100 * FLOOR, color="0.6", linewidth=0.8, linestyle=":")
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -315,7 +315,7 @@ def _one_legend(figure: Figure) -> None:
 
 def as_data(study: Study) -> dict[str, Any]:
     """Plain data for strict JSON."""
-    own = study.reference.own_error
+    estimate = study.reference.own_error
     return {
         "scene": study.scene.name,
         "cpu_seconds": study.seconds,
@@ -323,7 +323,7 @@ def as_data(study: Study) -> dict[str, Any]:
             "exact": study.reference.exact,
             "source": study.reference.text,
             "values": {q: _plain(v) for q, v in study.reference.quantities.values.items()},
-            "error_estimate": None if own is None else own.report(),
+            "error_estimate": None if estimate is None else estimate.report(),
         },
         "runs": [
             {

@@ -103,9 +103,9 @@ def _moving_with(name: str, bodies: Mapping[str, Body], units: Sequence[Interfac
         sides = [owner for _, _, owner in body_sides([unit])]
         for side in sides:
             neighbours[side] |= set(sides)
-    found, left = {name}, [name]
-    while left:
-        new = neighbours.get(left.pop(), set()) - found
+    found, queue = {name}, [name]
+    while queue:
+        new = neighbours.get(queue.pop(), set()) - found
         found |= new
-        left += new
+        queue += new
     return [n for n in bodies if n in found]

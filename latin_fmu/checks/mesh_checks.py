@@ -80,25 +80,25 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
         if substructure not in bodies:
             continue
         mesh = bodies[substructure].mesh
-        known = sorted(mesh.faces)
-        if face in mesh.points and face not in known:
+        faces = sorted(mesh.faces)
+        if face in mesh.points and face not in faces:
             # edges and points can be held, and have no area for anything else
             if not (where.startswith("boundary.") and isinstance(scene.boundary[where.split(".")[1]], Fixed)):
                 problems.add(
                     where,
                     "these nodes are edges or points, which have no area",
                     f"{side}, {len(mesh.points[face])} nodes",
-                    ", ".join(known) or None,
+                    ", ".join(faces) or None,
                     'an edge or point may be held: [boundary.NAME] type = "fixed"',
                 )
             continue
-        if face not in known and face != ALL_OF_IT:
-            close = difflib.get_close_matches(face, known, 1)
+        if face not in faces and face != ALL_OF_IT:
+            close = difflib.get_close_matches(face, faces, 1)
             problems.add(
                 where,
                 "unknown face",
                 side,
-                ", ".join(known) or "no named surface group touches this volume",
+                ", ".join(faces) or "no named surface group touches this volume",
                 f"did you mean {substructure}.{close[0]!s}?" if close else None,
             )
 
@@ -345,9 +345,9 @@ def _walls(mesh: Mesh, surface: FacetSet, mirrors: list[tuple[FacetSet, NDArray[
     keep = np.ones(len(facets.area), dtype=bool)
     for face, axes in mirrors:
         nodes = face.nodes
-        held = np.concatenate([np.isin(b.corners, nodes).all(axis=1) for b in surface.blocks])
+        on_surface = np.concatenate([np.isin(b.corners, nodes).all(axis=1) for b in surface.blocks])
         # facets whose normal is along a held axis
-        keep &= ~held | ((facets.normal[:, axes] ** 2).sum(axis=1) < 0.9)
+        keep &= ~on_surface | ((facets.normal[:, axes] ** 2).sum(axis=1) < 0.9)
     free = facets.picked(np.flatnonzero(keep))
     n = len(free.area)
     some = free.picked(np.arange(0, n, max(1, -(-n // _MOST))))

@@ -116,13 +116,13 @@ def _material_remarks(scene: Scene) -> Iterator[Remark]:
 def _doubt(value: float, allowed: tuple[float, float], unit: str, units: UnitSystem) -> str:
     """A value out of a range in SI, with a question about the unit that it would be plausible in, or with the usual
     range; nothing for one within."""
-    size, own = units.size(unit), units[unit]
+    size, label = units.size(unit), units[unit]
     if allowed[0] <= value * size <= allowed[1]:
         return ""
     for name, factor in _MODULI if unit == "Pa" else _DENSITIES:
         if allowed[0] <= value * factor <= allowed[1]:
-            return f"{value:g} {own}: is it in {name}? Then write {value * factor / size:g} ({own})"
-    return f"{value:g} {own} (solids: {allowed[0] / size:g} to {allowed[1] / size:g} {own}): check its unit"
+            return f"{value:g} {label}: is it in {name}? Then write {value * factor / size:g} ({label})"
+    return f"{value:g} {label} (solids: {allowed[0] / size:g} to {allowed[1] / size:g} {label}): check its unit"
 
 
 def _friction_remarks(units: list[InterfaceUnit]) -> Iterator[Remark]:

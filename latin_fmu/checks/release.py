@@ -83,8 +83,8 @@ def released(
         stiffness = _stiffness(unit)
         weights = unit.geometry.areas[points, None] * stiffness
         springs += np.einsum("pc,pcm,pcn->mn", weights, relative, relative)
-        kept = relative[:, _rigid_components(unit)].reshape(-1, total)
-        squares += kept.T @ kept / max(len(points), 1)
+        rows = relative[:, _rigid_components(unit)].reshape(-1, total)
+        squares += rows.T @ rows / max(len(points), 1)
     if not (total and len(opening)):
         return None
     values, vectors = la.eigh(squares)

@@ -152,8 +152,8 @@ def strain_remarks(problem: SolverReadyProblem, ends: Mapping[str, BodyEnd]) -> 
     """Sentences on bodies whose edges have changed by more than ``LARGEST_STRAIN`` of their length at the end."""
     remarks: list[str] = []
     for name, end in ends.items() if problem.unit_system.measurable else ():
-        own = [clamp for clamp in problem.clamps if clamp.cut.table.substructure == name]
-        strain = _largest_strain(problem.info[name], end, own)
+        clamps = [clamp for clamp in problem.clamps if clamp.cut.table.substructure == name]
+        strain = _largest_strain(problem.info[name], end, clamps)
         if strain > LARGEST_STRAIN:
             remarks.append(
                 f"substructure {name} is strained by {100 * strain:.2g} % at the end: strains are taken as small, "
@@ -363,9 +363,9 @@ def resultants(
 
     tractions : (n_flat,) of the interfaces, Pa. histories : of the interfaces, for the largest forces of the run.
     """
-    assembly, made = problem.assembly, dict[str, Resultants]()
+    assembly, by_body = problem.assembly, dict[str, Resultants]()
     if not assembly.quasi_static:
-        return made
+        return by_body
     tensions = dict[str, float]()
     for bolt in problem.output.bolts.values():
         forces = (0.0, *bolt.description.tightening)
@@ -391,8 +391,10 @@ def resultants(
             reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
             wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
             loose = _round_off(member, full_displacement(propagator, j))
-            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose, course)
-    return made
+            by_body[member.name] = Resultants(
+                wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose, course
+            )
+    return by_body
 
 
 def _size_of_load(pattern: Array) -> float:
@@ -404,13 +406,13 @@ def _size_of_load(pattern: Array) -> float:
 
 def _largest_forces(histories: Mapping[str, InterfaceHistory]) -> dict[str, float]:
     """Largest force, N, of an interface of each substructure at any instant, tractions added up by size."""
-    made = dict[str, float]()
+    forces = dict[str, float]()
     for history in histories.values():
         force = float((np.linalg.norm(history.traction, axis=2) @ history.areas).max(initial=0.0))
         for side in history.sides:
             name = side.split(".")[0]
-            made[name] = max(made.get(name, 0.0), force)
-    return made
+            forces[name] = max(forces.get(name, 0.0), force)
+    return forces
 
 
 def _round_off(member: SubstructureModel, u: Array) -> float:
@@ -424,22 +426,22 @@ def _wrench(nodes: Array, forces: Array) -> Array:
     return np.concatenate([nodal.sum(axis=0), np.cross(nodes - nodes.mean(axis=0), nodal).sum(axis=0)])
 
 
-def balance_words(made: Mapping[str, Resultants]) -> str:
+def balance_words(by_body: Mapping[str, Resultants]) -> str:
     """How far the forces on every body are in balance, for the status of a run; empty where nothing is known."""
-    if made and all(r.vanishes for r in made.values()):
+    if by_body and all(r.vanishes for r in by_body.values()):
         return "; no force on any body beyond round-off"
-    largest = max((r.largest for r in made.values()), default=0.0)
-    off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in made.values()), default=0.0)
+    largest = max((r.largest for r in by_body.values()), default=0.0)
+    off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in by_body.values()), default=0.0)
     return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
 
 
-def balance_remarks(made: Mapping[str, Resultants], tolerance: float, units: UnitSystem = SI) -> list[str]:
+def balance_remarks(by_body: Mapping[str, Resultants], tolerance: float, units: UnitSystem = SI) -> list[str]:
     """A sentence on bodies whose forces are out of balance by more than ten tolerances of the largest force."""
-    largest = max((r.largest for r in made.values()), default=0.0)
+    largest = max((r.largest for r in by_body.values()), default=0.0)
     return [
         f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
         f"({off:.3g} {units['N']}): lower solver.tolerance"
-        for name, r in made.items()
+        for name, r in by_body.items()
         if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest + r.round_off
     ]
 
@@ -485,8 +487,8 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
         allowed, whose = np.full(len(sunk), SUNK * approach), np.full(len(sunk), -1)
         for number, clamp in enumerate(clamps):
             # points within the reach of a bolt: by its shortening, which the approach is no measure of
-            held = clamp.holds(history.points) & (SUNK * clamp.shortening > 0.0)
-            allowed[held], whose[held] = SUNK * clamp.shortening, number
+            under_clamp = clamp.holds(history.points) & (SUNK * clamp.shortening > 0.0)
+            allowed[under_clamp], whose[under_clamp] = SUNK * clamp.shortening, number
         deep = (allowed > 0.0) & ~(sunk <= allowed + _PRECISION * _size(problem, history))  # NaN is deep, too
         if (deep & (whose < 0)).any():
             free = _released(problem, histories, name)

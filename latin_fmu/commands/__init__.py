@@ -128,8 +128,8 @@ class Waiting:
             return None
         # by the share that is done, if any, else by the time foreseen
         whole = passed / self._share if self._share > 0.0 else self._seconds
-        left = None if whole is None else max(whole - passed, 0.0)
-        return f"{self._text}: {_amount(passed)} so far{_left(left)}"
+        remainder = None if whole is None else max(whole - passed, 0.0)
+        return f"{self._text}: {_amount(passed)} so far{_left(remainder)}"
 
     def _show(self) -> None:
         again = _AGAIN_ON_TERMINAL if self._line.terminal else _AGAIN_IN_LOG
@@ -182,14 +182,14 @@ class Progress(Waiting):
             return super().line()
         done, total, iteration, error = self._state
         begun, before = self._origin
-        left = (self._clock() - begun) * (total - done) / (done - before) if done > before else None
+        remainder = (self._clock() - begun) * (total - done) / (done - before) if done > before else None
         if iteration == 0:
-            return f"derivatives: {100 * done // max(total, 1)} % ({done} of {total} instants){_left(left)}"
+            return f"derivatives: {100 * done // max(total, 1)} % ({done} of {total} instants){_left(remainder)}"
         if total == 1:
-            text, left = f"iteration {iteration}", self._single_window_left(error)
+            text, remainder = f"iteration {iteration}", self._single_window_left(error)
         else:
             text = f"{100 * done // max(total, 1)} % ({done} of {total} windows), iteration {iteration}"
-        return f"{text}, sqrt(eta) {error:.1e}{_left(left)}"
+        return f"{text}, sqrt(eta) {error:.1e}{_left(remainder)}"
 
     def _single_window_left(self, error: float) -> float | None:
         """Extrapolates log(error), which falls about linearly with the iterations, to the tolerance."""

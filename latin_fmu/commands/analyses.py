@@ -145,22 +145,22 @@ class FrfOptions(OfScene):
 
 
 @command(_FRF_EXAMPLES, feeds=("frf",))
-def frf(given: FrfOptions) -> int:
+def frf(options: FrfOptions) -> int:
     """Make frequency responses of the clamped assembly to its base or to forces: table, dataset and figure."""
     from ..modal.frequency_response import frf
     from ..pictures.response_picture import response_figure
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
 
-    scene = given.read_scene()
-    targets = _targets(given.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
+    scene = options.read_scene()
+    targets = _targets(options.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
     with Waiting("modes"):
-        made = frf(scene, **handed(given, frf))
-    tell(given.json, made.lines(), made.report)
-    write_bytes(targets[0], made.as_csv().encode())
-    made.save(targets[1])
-    save_figure(response_figure(made, given.along), targets[2])
-    tell_written(given.json, f"frequency responses: {', '.join(map(str, targets))}")
+        response = frf(scene, **handed(options, frf))
+    tell(options.json, response.lines(), response.report)
+    write_bytes(targets[0], response.as_csv().encode())
+    response.save(targets[1])
+    save_figure(response_figure(response, options.along), targets[2])
+    tell_written(options.json, f"frequency responses: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -187,7 +187,7 @@ class BackboneOptions(OfScene):
 
 
 @command(_BACKBONE_EXAMPLES, feeds=("backbone",))
-def backbone(given: BackboneOptions) -> int:
+def backbone(options: BackboneOptions) -> int:
     """Make frequency and damping of a mode against its amplitude: table, dataset and figure."""
     import numpy as np
 
@@ -196,27 +196,27 @@ def backbone(given: BackboneOptions) -> int:
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
 
-    scene = given.read_scene()
-    lowest, highest = _amplitudes(given.amplitude, scene.unit_system)
-    if not 1 <= given.points <= _MOST_POINTS:
-        problem = Problem("--points", "out of range", str(given.points), f"1 to {_MOST_POINTS}")
+    scene = options.read_scene()
+    lowest, highest = _amplitudes(options.amplitude, scene.unit_system)
+    if not 1 <= options.points <= _MOST_POINTS:
+        problem = Problem("--points", "out of range", str(options.points), f"1 to {_MOST_POINTS}")
         raise InputError([problem], "bad argument")
-    levels = np.geomspace(lowest, highest, given.points) if highest > lowest else np.array([highest])
-    measured = _measured(given, scene.unit_system)
-    targets = _targets(given.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
+    levels = np.geomspace(lowest, highest, options.points) if highest > lowest else np.array([highest])
+    measured = _measured(options, scene.unit_system)
+    targets = _targets(options.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
     with Waiting("tightening") as waiting:
-        made = backbone(
+        curve = backbone(
             scene,
-            given.mode,
+            options.mode,
             levels,
-            **handed(given, backbone),
+            **handed(options, backbone),
             progress=lambda done, total, *_: waiting.reached((done + 1) / total, "loops"),
         )
-    tell(given.json, made.lines(), made.groups()["/backbone"].report)
-    write_bytes(targets[0], made.as_csv().encode())
-    made.save(targets[1])
-    save_figure(backbone_figure(made, measured), targets[2])
-    tell_written(given.json, f"backbone: {', '.join(map(str, targets))}")
+    tell(options.json, curve.lines(), curve.groups()["/backbone"].report)
+    write_bytes(targets[0], curve.as_csv().encode())
+    curve.save(targets[1])
+    save_figure(backbone_figure(curve, measured), targets[2])
+    tell_written(options.json, f"backbone: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -241,7 +241,7 @@ def _amplitudes(text: str, units: UnitSystem) -> tuple[float, float]:
     return sizes[0], sizes[-1]
 
 
-def _measured(given: BackboneOptions, units: UnitSystem) -> Array | None:
+def _measured(options: BackboneOptions, units: UnitSystem) -> Array | None:
     """Measured points (n, 3) in the units of the scene, None where none are given.
 
     Raises
@@ -254,14 +254,14 @@ def _measured(given: BackboneOptions, units: UnitSystem) -> Array | None:
     from ..scene.number_files import factor, read_columns, unit_problem
     from ..scene.unit_texts import names_for
 
-    if given.measured is None:
+    if options.measured is None:
         return None
-    length, ratio = given.measured_units
+    length, ratio = options.measured_units
     for name, unit in ((length, "m"), (ratio, "1")):
         if name and (what := unit_problem(name, unit)):
             raise InputError([Problem("--measured-units", what, name, names_for(unit))], "bad argument")
     try:
-        table = np.array(read_columns(Path(), str(given.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
+        table = np.array(read_columns(Path(), str(options.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
     except PydanticCustomError as error:
         said = error.context or {}
         value = None if said.get("value") is None else str(said["value"])
@@ -282,28 +282,28 @@ class ModesOptions(OfScene):
 
 
 @command(_MODES_EXAMPLES, feeds=("vibration_modes",))
-def modes(given: ModesOptions) -> int:
+def modes(options: ModesOptions) -> int:
     """Print natural frequencies of the assembly of a scene and their damping in a run, and write its shapes."""
     from ..modal.modes import vibration_modes
     from ..results.vtk import check_export_folder
     from ..results.writing import check_target
 
-    if given.count is not None and not 1 <= given.count <= _MOST_MODES:
-        problem = Problem("--count", "out of range", str(given.count), f"1 to {_MOST_MODES}")
+    if options.count is not None and not 1 <= options.count <= _MOST_MODES:
+        problem = Problem("--count", "out of range", str(options.count), f"1 to {_MOST_MODES}")
         raise InputError([problem], "bad argument")
-    if given.output is not None:
-        check_netcdf(given.output)
-        check_target(given.output)
-    if given.vtk is not None:
-        check_export_folder(given.vtk)
+    if options.output is not None:
+        check_netcdf(options.output)
+        check_target(options.output)
+    if options.vtk is not None:
+        check_export_folder(options.vtk)
     with Waiting("natural frequencies"):
-        found = vibration_modes(given.read_scene(), **handed(given, vibration_modes))
-    tell(given.json, found.lines(), found.groups()["/modes"].report)
-    if given.output is not None:
-        found.save(given.output)
-        tell_written(given.json, f"modes: {given.output}")
-    if given.vtk is not None:
-        tell_written(given.json, f"for ParaView: {found.export(given.vtk)}")
+        found = vibration_modes(options.read_scene(), **handed(options, vibration_modes))
+    tell(options.json, found.lines(), found.groups()["/modes"].report)
+    if options.output is not None:
+        found.save(options.output)
+        tell_written(options.json, f"modes: {options.output}")
+    if options.vtk is not None:
+        tell_written(options.json, f"for ParaView: {found.export(options.vtk)}")
     return CONVERGED
 
 
@@ -339,7 +339,7 @@ class SrsOptions(OfSensors):
 
 
 @command(_EXAMPLES)
-def srs(given: SrsOptions) -> int:
+def srs(options: SrsOptions) -> int:
     """Make shock response spectra of the sensors of a results file, or of a measured record."""
     from ..pictures.style import save_figure
     from ..pictures.summary_picture import spectra_figure
@@ -350,24 +350,24 @@ def srs(given: SrsOptions) -> int:
     from ..results.spectra import as_csv, spectrum_group
     from ..results.writing import write_bytes
 
-    stem = given.output or given.results.with_name(f"{given.results.stem}_srs")
-    file = given.results
+    stem = options.output or options.results.with_name(f"{options.results.stem}_srs")
+    file = options.results
     if _is_record(file):
-        return _srs_of_record(given, _targets(stem, "csv", "nc"))
+        return _srs_of_record(options, _targets(stem, "csv", "nc"))
     targets = _targets(stem, "csv", "nc", "png")
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
-        spectra = dict(_spectra(tree, given, waiting))
+        spectra = dict(_spectra(tree, options, waiting))
         units = units_of(tree.attrs)
-        in_g = acceleration_unit(units, given.g)
-        units = units.with_g if given.g else units
+        in_g = acceleration_unit(units, options.g)
+        units = units.with_g if options.g else units
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
-        made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
+        dataset = _tree(tree, {name: group.dataset() for name, group in groups.items()})
     lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
-    tell(given.json, lines, lambda: {name: group.report() for name, group in groups.items()})
+    tell(options.json, lines, lambda: {name: group.report() for name, group in groups.items()})
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
-    write_netcdf(made, targets[1])
-    save_figure(spectra_figure(spectra, given.along, units), targets[2])
-    tell_written(given.json, f"spectra: {', '.join(map(str, targets))}")
+    write_netcdf(dataset, targets[1])
+    save_figure(spectra_figure(spectra, options.along, units), targets[2])
+    tell_written(options.json, f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -384,7 +384,7 @@ def _is_record(file: Path) -> bool:
         return False
 
 
-def _srs_of_record(given: SrsOptions, targets: Sequence[Path]) -> int:
+def _srs_of_record(options: SrsOptions, targets: Sequence[Path]) -> int:
     """Spectrum of a file of a recorder."""
     from ..results.export import acceleration_unit
     from ..results.files import write_netcdf
@@ -393,15 +393,15 @@ def _srs_of_record(given: SrsOptions, targets: Sequence[Path]) -> int:
     from ..results.writing import write_bytes
     from ..scene.units import SI
 
-    law = {"file": str(given.results), "start": "record"}
-    law |= {key: _number_or_text(value) for key, value in _said(given, _OF_RECORD).items()}
-    made, read_as = _record_spectrum(law, _said(given, _OF_SPECTRUM))
-    units = SI.with_g if given.g else SI
-    lines = record_lines(made, f"{given.results}, {read_as}", units)
-    tell(given.json, lines, lambda: StoredGroup.of_dataset(record_dataset(made)).report())
-    write_bytes(targets[0], record_csv(made, acceleration_unit(units, given.g)).encode())
-    write_netcdf(_record_tree(made, str(given.results), read_as), targets[1])
-    tell_written(given.json, f"spectrum: {', '.join(map(str, targets))}")
+    law = {"file": str(options.results), "start": "record"}
+    law |= {key: _number_or_text(value) for key, value in _said(options, _OF_RECORD).items()}
+    spectrum, read_as = _record_spectrum(law, _said(options, _OF_SPECTRUM))
+    units = SI.with_g if options.g else SI
+    lines = record_lines(spectrum, f"{options.results}, {read_as}", units)
+    tell(options.json, lines, lambda: StoredGroup.of_dataset(record_dataset(spectrum)).report())
+    write_bytes(targets[0], record_csv(spectrum, acceleration_unit(units, options.g)).encode())
+    write_netcdf(_record_tree(spectrum, str(options.results), read_as), targets[1])
+    tell_written(options.json, f"spectrum: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -413,7 +413,7 @@ def _number_or_text(text: str) -> Any:
     return text
 
 
-def _record_tree(made: ShockSpectrum, file: str, read_as: str) -> xr.DataTree:
+def _record_tree(spectrum: ShockSpectrum, file: str, read_as: str) -> xr.DataTree:
     """The spectrum with where it comes from."""
     import xarray as xr
 
@@ -421,7 +421,7 @@ def _record_tree(made: ShockSpectrum, file: str, read_as: str) -> xr.DataTree:
     from ..results.spectra import record_dataset
 
     attributes = root_attributes("shock response spectrum of a record", "record", "")
-    data = record_dataset(made).assign_attrs({**attributes, "source_file": file, "read_as": read_as})
+    data = record_dataset(spectrum).assign_attrs({**attributes, "source_file": file, "read_as": read_as})
     return xr.DataTree(data)
 
 
@@ -458,8 +458,8 @@ def _record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple
         raise InputError.of(heading, law["file"], what, f"{off / step:.3g} intervals off", allowed)
     request = _request(requested)
     frequencies = request.frequencies(step, float(times[-1] - times[0])) or requested.get("highest", 0.0)
-    made = shock_response_spectrum(values, step, frequencies, request.quality, interpolation=BAND)
-    return made, record.read_as
+    spectrum = shock_response_spectrum(values, step, frequencies, request.quality, interpolation=BAND)
+    return spectrum, record.read_as
 
 
 @command(_EXPORT_EXAMPLES)
@@ -475,10 +475,10 @@ def export(
     stem = output or of.results.with_name(f"{of.results.stem}_sensors")
     targets = _targets(stem, "csv", "unv")
     with closing(open_results(of.results)) as tree, readable(of.results):
-        known = _sensors(tree, of, "nothing to export")
-        names = of.sensor or known
-        made = sensors_as_csv(tree, names, of.g), universal_file(tree, names)
-    for target, text in zip(targets, made, strict=True):
+        sensors = _sensors(tree, of, "nothing to export")
+        names = of.sensor or sensors
+        texts = sensors_as_csv(tree, names, of.g), universal_file(tree, names)
+    for target, text in zip(targets, texts, strict=True):
         write_bytes(target, text.encode())
     print(f"sensors: {', '.join(map(str, targets))}")
     return CONVERGED
@@ -491,19 +491,19 @@ def _sensors(tree: xr.DataTree, of: OfSensors, heading: str) -> list[str]:
     ------
     LatinError : it has none, or not one that the options name.
     """
-    known = list(tree["sensors"].children) if "sensors" in tree.children else []
-    if not known:
+    sensors = list(tree["sensors"].children) if "sensors" in tree.children else []
+    if not sensors:
         what = "the results have no sensors"
         problem = Problem(str(of.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
         raise ResultsError([problem], heading)
     unknown = [
-        Problem("--sensor", "no sensor of this name", name, listed(known), did_you_mean(name, known))
+        Problem("--sensor", "no sensor of this name", name, listed(sensors), did_you_mean(name, sensors))
         for name in of.sensor
-        if name not in known
+        if name not in sensors
     ]
     if unknown:
         raise InputError(unknown, heading)
-    return known
+    return sensors
 
 
 def _tree(results: xr.DataTree, spectra: Mapping[str, xr.Dataset]) -> xr.DataTree:
@@ -516,30 +516,30 @@ def _tree(results: xr.DataTree, spectra: Mapping[str, xr.Dataset]) -> xr.DataTre
 
 
 def _spectra(
-    tree: xr.DataTree, given: SrsOptions, waiting: Waiting
+    tree: xr.DataTree, options: SrsOptions, waiting: Waiting
 ) -> Iterator[tuple[str, tuple[ShockSpectrum, Array | None]]]:
     """Spectra and their estimated errors by sensor."""
     from ..results.spectra import stored_spectrum
 
-    known = _sensors(tree, given, "no shock response spectrum")
-    requested = _said(given, _OF_SPECTRUM)
-    stored = [name for name in known if "spectrum" in tree[f"sensors/{name}"].children]
+    sensors = _sensors(tree, options, "no shock response spectrum")
+    requested = _said(options, _OF_SPECTRUM)
+    stored = [name for name in sensors if "spectrum" in tree[f"sensors/{name}"].children]
     request = _request(requested)
     # options ask for other spectra than the stored ones
-    chosen = given.sensor or (stored if stored and not requested else known)
+    chosen = options.sensor or (stored if stored and not requested else sensors)
     for number, name in enumerate(chosen):
         waiting.reached(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
-        made = name in stored and not requested
-        yield name, stored_spectrum(node["spectrum"]) if made else (_computed(name, node, request), None)
+        by_file = name in stored and not requested
+        yield name, stored_spectrum(node["spectrum"]) if by_file else (_computed(name, node, request), None)
 
 
-def _said(given: SrsOptions, keys: Sequence[str]) -> dict[str, Any]:
+def _said(options: SrsOptions, keys: Sequence[str]) -> dict[str, Any]:
     """Options that were given."""
-    return {key: value for key in keys if (value := getattr(given, key)) is not None}
+    return {key: value for key in keys if (value := getattr(options, key)) is not None}
 
 
-def _request(given: Mapping[str, Any]) -> Spectrum:
+def _request(options: Mapping[str, Any]) -> Spectrum:
     """The options as a spectrum of a scene.
 
     Raises
@@ -552,9 +552,9 @@ def _request(given: Mapping[str, Any]) -> Spectrum:
     from ..scene.sensors import Spectrum
 
     try:
-        return Spectrum.model_validate(given)
+        return Spectrum.model_validate(options)
     except ValidationError as error:
-        problems = validation_problems(Spectrum, error, given)
+        problems = validation_problems(Spectrum, error, options)
         named = [Problem(f"--{p.where.replace('_', '-')}", p.what, p.value, p.allowed, p.remedy) for p in problems]
         raise InputError(named, "bad argument") from None
 

@@ -144,9 +144,9 @@ def _effects_in_runs(
         return report, coarse.text(), bool(coarse.interrupted)
     settings = [suggestion.settings for suggestion in explanation.suggestions if suggestion.settings]
     seconds = explanation.prediction["cpu_seconds_set_up"] + explanation.prediction["cpu_seconds_instants"]
-    left = None if max_cpu is None else max(max_cpu - (time.process_time() - begin), 0.0)
+    budget = None if max_cpu is None else max(max_cpu - (time.process_time() - begin), 0.0)
     with Waiting("runs with one effect changed at a time") as waiting:
-        measured = measured_effects(scene, settings, seconds, left, waiting.reached)
+        measured = measured_effects(scene, settings, seconds, budget, waiting.reached)
     text = f"{coarse.text()}\n\n{measured.text()}"
     return report | {"measured_effects": measured.report()}, text, measured.limited
 
@@ -166,33 +166,33 @@ def _compiled_size(of: OfScene, modes: int) -> int:
 
 
 @command()
-def plot(given: PlotOptions) -> int:
+def plot(options: PlotOptions) -> int:
     """Draw the assembly of a scene; forces, sensors and bolts of a results file, or its bodies; a study."""
     from ..pictures.result_picture import FILM
     from ..pictures.style import FORMATS, check_figure_path, save_figure
     from ..results.writing import check_target
 
-    target = given.output or given.file.with_suffix(".png")
-    check_figure_path(target, FORMATS if _is_scene(given.file) else (*FORMATS, FILM))
+    target = options.output or options.file.with_suffix(".png")
+    check_figure_path(target, FORMATS if _is_scene(options.file) else (*FORMATS, FILM))
     check_target(target)
-    _check_options(given, target.suffix.lower() == FILM)
+    _check_options(options, target.suffix.lower() == FILM)
     with Waiting("figure") as waiting:
         if target.suffix.lower() == FILM:
-            _film(given, target, waiting)
+            _film(options, target, waiting)
         else:
-            save_figure(_scene_figure(given) if _is_scene(given.file) else _results_figure(given), target)
+            save_figure(_scene_figure(options) if _is_scene(options.file) else _results_figure(options), target)
     print(f"figure: {target}")
     return CONVERGED
 
 
-def _film(given: PlotOptions, target: Path, waiting: Waiting) -> None:
+def _film(options: PlotOptions, target: Path, waiting: Waiting) -> None:
     from ..pictures.result_picture import Window, save_film
     from ..results.files import open_results, readable
 
-    window = Window(given.first, given.last, given.frames or Window.frames)
+    window = Window(options.first, options.last, options.frames or Window.frames)
     waiting.reached(0.0, "film")
-    with closing(open_results(given.file)) as tree, readable(given.file):
-        save_film(tree, target, window, given.interface, given.magnify, given.map, waiting.reached)
+    with closing(open_results(options.file)) as tree, readable(options.file):
+        save_film(tree, target, window, options.interface, options.magnify, options.map, waiting.reached)
 
 
 _VIEW_EXAMPLES = """\
@@ -225,8 +225,8 @@ def view(
     if problems := _window_problems(first, last, frames):
         raise ResultsError(problems, "the page cannot be made")
     with Waiting("page"), closing(open_results(file)) as tree, readable(file):
-        made = page(tree, first, last, frames)
-    print(f"page: {write_bytes(target, made.encode())}")
+        html = page(tree, first, last, frames)
+    print(f"page: {write_bytes(target, html.encode())}")
     return CONVERGED
 
 
@@ -247,18 +247,18 @@ def _is_scene(file: Path) -> bool:
     return file.suffix.lower() == ".toml"
 
 
-def _scene_figure(given: PlotOptions) -> Figure:
+def _scene_figure(options: PlotOptions) -> Figure:
     from ..pictures.assembly_picture import assembly_figure
     from ..reader import load_scene
 
     warnings: list[str] = []
-    figure = assembly_figure(load_scene(given.file, given.overrides), warnings)
+    figure = assembly_figure(load_scene(options.file, options.overrides), warnings)
     for warning in warnings:
         say(f"warning: {warning}")
     return figure
 
 
-def _results_figure(given: PlotOptions) -> Figure:
+def _results_figure(options: PlotOptions) -> Figure:
     from ..pictures.result_picture import map_figure, result_figure
     from ..pictures.sensitivity_picture import bands_figure, tornado_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
@@ -266,25 +266,25 @@ def _results_figure(given: PlotOptions) -> Figure:
     from ..results.groups import units_of
     from ..results.spectra import stored_spectra
 
-    with closing(open_results(given.file)) as tree, readable(given.file):
+    with closing(open_results(options.file)) as tree, readable(options.file):
         if "kind" in tree.attrs and "spread" not in tree.children:  # a parametric study
             from ..parametric.figure import study_figure
 
-            return study_figure(tree.to_dataset(), list(given.quantity) or None)
-        if given.map:
-            return map_figure(tree, given.interface, given.time)
-        if given.tornado:
+            return study_figure(tree.to_dataset(), list(options.quantity) or None)
+        if options.map:
+            return map_figure(tree, options.interface, options.time)
+        if options.tornado:
             return tornado_figure(tree)
-        if given.bands or "kind" in tree.attrs:
+        if options.bands or "kind" in tree.attrs:
             return bands_figure(tree)
-        if given.bodies:
-            return result_figure(tree, given.interface, given.time, given.magnify)
+        if options.bodies:
+            return result_figure(tree, options.interface, options.time, options.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
             return spectra_figure(spectra, units=units_of(tree.attrs))
-        return summary_figure(tree, given.details)
+        return summary_figure(tree, options.details)
 
 
-def _check_options(given: PlotOptions, film: bool) -> None:
+def _check_options(options: PlotOptions, film: bool) -> None:
     """Options that the file cannot have are refused, all at once.
 
     Raises
@@ -292,41 +292,41 @@ def _check_options(given: PlotOptions, film: bool) -> None:
     ResultsError : options of a scene with results, of one kind of figure with another, numbers out of range.
     """
     problems: list[Problem] = []
-    scene, bodies = _is_scene(given.file), given.bodies or (film and not given.map)
+    scene, bodies = _is_scene(options.file), options.bodies or (film and not options.map)
     problems += [
         Problem(f"--{key}", "this figure is one of results, and no film")
         for key in ("tornado", "bands")
-        if getattr(given, key) and (scene or film)
+        if getattr(options, key) and (scene or film)
     ]
-    if given.overrides and not scene:
+    if options.overrides and not scene:
         problems.append(Problem("--set", "the settings of results cannot be changed", allowed="a scene (.toml)"))
-    of_bodies = {"interface": bodies or given.map, "time": given.bodies or given.map, "magnify": bodies}
+    of_bodies = {"interface": bodies or options.map, "time": options.bodies or options.map, "magnify": bodies}
     problems += [
         Problem(f"--{key}", "this option is for the figure of bodies or of a map", remedy="add --bodies or --map")
         for key, fits in of_bodies.items()
-        if getattr(given, key) is not None and not fits
+        if getattr(options, key) is not None and not fits
     ]
     problems += [
         Problem(f"--{key}", "this option is for a film", remedy="name a file that ends in .gif")
-        for key, value in (("from", given.first), ("to", given.last), ("frames", given.frames))
+        for key, value in (("from", options.first), ("to", options.last), ("frames", options.frames))
         if value is not None and not film
     ]
     problems += [
         Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
         for key in ("bodies", "map", "details")
-        if getattr(given, key) and scene
+        if getattr(options, key) and scene
     ]
-    if given.bodies and given.map:
+    if options.bodies and options.map:
         problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
-    if given.details and (given.bodies or given.map):
+    if options.details and (options.bodies or options.map):
         problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
-    if film and given.time is not None:
+    if film and options.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
-    if given.magnify is not None and not 0.0 <= given.magnify < float("inf"):
-        problems.append(Problem("--magnify", "out of range", str(given.magnify), "a number >= 0"))
-    if given.time is not None and not given.time >= 0.0:
-        problems.append(Problem("--time", "out of range", str(given.time), "a number >= 0 [s]"))
-    problems += _window_problems(given.first, given.last, given.frames)
+    if options.magnify is not None and not 0.0 <= options.magnify < float("inf"):
+        problems.append(Problem("--magnify", "out of range", str(options.magnify), "a number >= 0"))
+    if options.time is not None and not options.time >= 0.0:
+        problems.append(Problem("--time", "out of range", str(options.time), "a number >= 0 [s]"))
+    problems += _window_problems(options.first, options.last, options.frames)
     if problems:
         raise ResultsError(problems, "the figure cannot be drawn")
 
@@ -413,9 +413,9 @@ def _copy(folder: Path, name: str) -> list[str]:
     """
     from ..results.writing import check_folder, write_whole
 
-    known = [model.name for model in _models(folder)]
-    if name not in known:
-        raise InputError.of(_HEADING, "NAME", "no model of this name", name, listed(known), did_you_mean(name, known))
+    names = [model.name for model in _models(folder)]
+    if name not in names:
+        raise InputError.of(_HEADING, "NAME", "no model of this name", name, listed(names), did_you_mean(name, names))
 
     def check(path: str | Path) -> Path:
         target = Path(path)
@@ -444,7 +444,7 @@ def _fill(draft: Path, source: Path) -> None:
     for file in sorted(path for path in source.iterdir() if path.is_file()):
         if file.suffix == ".md":
             lines = file.read_text(encoding="utf-8").replace(f"models/{source.name}/", f"{source.name}/").splitlines()
-            kept = (line for line in lines if _UNAVAILABLE not in line)
-            (draft / file.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
+            rest = (line for line in lines if _UNAVAILABLE not in line)
+            (draft / file.name).write_text("\n".join(rest) + "\n", encoding="utf-8")
         else:
             shutil.copyfile(file, draft / file.name)

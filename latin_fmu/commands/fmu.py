@@ -96,22 +96,22 @@ class FmuOptions(OfScene):
 
 
 @command(_BUILD_EXAMPLES)
-def fmu(given: FmuOptions) -> int:
+def fmu(options: FmuOptions) -> int:
     """Make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it."""
     from importlib import import_module
 
     from ..results.writing import check_target
 
-    if problems := list(_contradictions(given)):
+    if problems := list(_contradictions(options)):
         raise InputError(problems, "the options contradict each other")
-    if given.scene.is_dir():
-        return _of_folder(given)
-    scene = given.read_scene()
-    target = given.output or Path(f"{scene.name}.fmu")
+    if options.scene.is_dir():
+        return _of_folder(options)
+    scene = options.read_scene()
+    target = options.output or Path(f"{scene.name}.fmu")
     check_target(target)
     try:
         with Waiting("FMU") as waiting:
-            lines = _made(given, scene, target, waiting)
+            lines = _made(options, scene, target, waiting)
     except ModuleNotFoundError as error:
         say(f"latin-fmu: {error.msg}; {_NEEDED}")
         return BAD_INPUT
@@ -130,21 +130,21 @@ def fmu(given: FmuOptions) -> int:
     return CONVERGED
 
 
-def _of_folder(given: FmuOptions) -> int:
+def _of_folder(options: FmuOptions) -> int:
     """Make the FMU of every scene file in a folder and below, also after one that cannot be made."""
-    files = sorted(given.scene.rglob("*.toml"))
+    files = sorted(options.scene.rglob("*.toml"))
     if not files:
-        raise InputError([Problem(str(given.scene), "holds no scene file (*.toml)")])
-    target, worst = given.output or Path(), CONVERGED
+        raise InputError([Problem(str(options.scene), "holds no scene file (*.toml)")])
+    target, worst = options.output or Path(), CONVERGED
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError([Problem(str(target), f"no folder for FMUs: {error.strerror}")]) from None
     for file in files:
         # folders belong to the name: scene files of a collection are often all called scene.toml
-        name = "_".join([*file.relative_to(given.scene).parent.parts, file.stem]).removesuffix("_scene")
+        name = "_".join([*file.relative_to(options.scene).parent.parts, file.stem]).removesuffix("_scene")
         try:
-            code = fmu.function(replace(given, scene=file, output=target / f"{name}.fmu"))
+            code = fmu.function(replace(options, scene=file, output=target / f"{name}.fmu"))
         except LatinError as error:
             say(f"latin-fmu: {file}: {error}")
             code = BAD_INPUT
@@ -152,11 +152,11 @@ def _of_folder(given: FmuOptions) -> int:
     return worst
 
 
-def _made(given: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> list[str]:
+def _made(options: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> list[str]:
     """Make the FMU; lines on its reference run and on the error of reduced bodies."""
     from importlib import import_module
 
-    names = [name.strip() for name in given.inputs.split(",") if name.strip()]
+    names = [name.strip() for name in options.inputs.split(",") if name.strip()]
     checks = import_module("fmu_build.checks")
     inputs = checks.with_inputs(scene, names)
     note = ""
@@ -164,23 +164,23 @@ def _made(given: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> li
     acting = _acting(inputs.scene)
     if names == ["all"] and not inputs.laws:
         acting.append("warning: --inputs all gives no inputs: nothing that can be set from outside drives the scene")
-    if given.modes is not None and not given.model_exchange:
+    if options.modes is not None and not options.model_exchange:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
-        inputs, note, lines = _reduced(given, inputs, names)
-    elif not (given.python or given.model_exchange):
+        inputs, note, lines = _reduced(options, inputs, names)
+    elif not (options.python or options.model_exchange):
         waiting.reached(0.0, "FMU: size")
         if foreseen := _foreseen(inputs.scene):
             say(f"latin-fmu: {foreseen}")
     waiting.reached(0.0, "FMU")
     build = import_module("fmu_build.build")
-    if given.model_exchange:
-        sizes = {"n_mode": given.modes, "n_patch": given.patches}
+    if options.model_exchange:
+        sizes = {"n_mode": options.modes, "n_patch": options.patches}
         build.build_model_exchange(inputs.scene, target, **{n: size for n, size in sizes.items() if size is not None})
         return acting
-    files = _files(given, inputs.scene, note)
-    if given.reference != "none":
+    files = _files(options, inputs.scene, note)
+    if options.reference != "none":
         begin = time.process_time()
-        whole = given.reference == "whole"
+        whole = options.reference == "whole"
         reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
         files |= reference.files
         took = (
@@ -199,32 +199,32 @@ def _acting(scene: Scene) -> list[str]:
     from ..cosim.variable import input_variable
     from ..scene.laws import InputLaw
 
-    own, sources = acting_of(scene), given_of(scene)
-    given = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
-    if not (own or given):
+    actions, sources = acting_of(scene), given_of(scene)
+    starts = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
+    if not (actions or starts):
         what, remedy = "nothing loads or moves a body in this FMU: every result is zero", "add a [load] to the scene"
         return [f"warning: {what}; {remedy}"]
-    lines = [f"inputs, until the host sets them: {listed(given)}"] if given else []
-    if own:
+    lines = [f"inputs, until the host sets them: {listed(starts)}"] if starts else []
+    if actions:
         free = [name for name, law in settable_of(scene).items() if not isinstance(law, InputLaw)]
-        more = f" (--inputs {free[0]} makes {free[0]} an input)" if free and not given else ""
-        lines.append(f"acts in the FMU as in the scene: {listed(own)}{more}")
+        more = f" (--inputs {free[0]} makes {free[0]} an input)" if free and not starts else ""
+        lines.append(f"acts in the FMU as in the scene: {listed(actions)}{more}")
     else:
         rest = "" if any(source.start for source in sources) else ": until the host sets an input the FMU stays at rest"
         lines.append(f"nothing else loads or moves a body{rest}")
     return lines
 
 
-def _files(given: FmuOptions, scene: Scene, note: str) -> dict[str, bytes]:
+def _files(options: FmuOptions, scene: Scene, note: str) -> dict[str, bytes]:
     """Files of the FMU of a scene: one with Python, and a remark, where it cannot be compiled."""
     from importlib import import_module
 
-    build, fmi = import_module("fmu_build.build"), given.fmi or "2"
-    if not given.python:
+    build, fmi = import_module("fmu_build.build"), options.fmi or "2"
+    if not options.python:
         try:
-            return dict[str, bytes](build.compiled_files(scene, fmi, note, given.portable))
+            return dict[str, bytes](build.compiled_files(scene, fmi, note, options.portable))
         except NeedsPythonError as error:
-            if given.portable or given.modes is not None:
+            if options.portable or options.modes is not None:
                 raise
             why = "; ".join(map(str, error.problems))
             say(f"latin-fmu: this FMU needs a Python where it runs, as with --python: {why}")
@@ -245,7 +245,7 @@ def _foreseen(scene: Scene) -> str:
     )
 
 
-def _reduced(given: FmuOptions, inputs: Any, names: Sequence[str]) -> tuple[Any, str, list[str]]:
+def _reduced(options: FmuOptions, inputs: Any, names: Sequence[str]) -> tuple[Any, str, list[str]]:
     """The inputs of the scene with its bodies reduced to ``--modes``, a note on the error for its documentation, and
     the error in words."""
     from importlib import import_module
@@ -253,34 +253,34 @@ def _reduced(given: FmuOptions, inputs: Any, names: Sequence[str]) -> tuple[Any,
     from ..reader import load_scene
 
     checks = import_module("fmu_build.checks")
-    setting = checks.SETTING.format(given.modes)
-    reduced = checks.with_inputs(load_scene(given.scene, [*given.overrides, setting]), names)
+    setting = checks.SETTING.format(options.modes)
+    reduced = checks.with_inputs(load_scene(options.scene, [*options.overrides, setting]), names)
     errors = checks.reduction_errors(inputs, reduced)
     lines = [
         "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
     ]
     if errors:
-        lines = [f"{given.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
-    return reduced, checks.reduction_note(given.modes, errors), lines
+        lines = [f"{options.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
+    return reduced, checks.reduction_note(options.modes, errors), lines
 
 
-def _contradictions(given: FmuOptions) -> Iterator[Problem]:
-    if given.model_exchange and given.fmi == "2":
+def _contradictions(options: FmuOptions) -> Iterator[Problem]:
+    if options.model_exchange and options.fmi == "2":
         yield Problem("--fmi", "model exchange needs FMI 3", "2", "3", "leave --fmi out")
-    if given.model_exchange and given.reference == "whole":
+    if options.model_exchange and options.reference == "whole":
         yield Problem("--reference", "belongs to co-simulation", remedy="leave --model-exchange out")
     for name in ("python", "portable"):
-        if given.model_exchange and getattr(given, name):
+        if options.model_exchange and getattr(options, name):
             yield Problem(f"--{name}", "belongs to co-simulation", remedy="leave --model-exchange out")
-    if given.python and given.portable:
+    if options.python and options.portable:
         yield Problem("--portable", "is a kind of compiled FMU", remedy="leave --python out")
-    if given.python and given.modes is not None:
+    if options.python and options.modes is not None:
         remedy = "leave --python out, or set solver.propagator={type='reduced',modes=N}"
         yield Problem("--modes", "belongs to the compiled FMU", remedy=remedy)
-    if given.patches is not None and not given.model_exchange:
+    if options.patches is not None and not options.model_exchange:
         yield Problem("--patches", "belongs to the reduced model", remedy="add --model-exchange")
-    if not given.model_exchange and given.modes is not None and given.modes < 1:
-        yield Problem("--modes", "too few modes", str(given.modes), "1 or more")
+    if not options.model_exchange and options.modes is not None and options.modes < 1:
+        yield Problem("--modes", "too few modes", str(options.modes), "1 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,7 +306,7 @@ class SimulateOptions:
 
 
 @command(_RUN_EXAMPLES)
-def simulate(given: SimulateOptions) -> int:
+def simulate(options: SimulateOptions) -> int:
     """Run an FMU with fmpy."""
     begin = time.process_time()
     try:
@@ -316,12 +316,12 @@ def simulate(given: SimulateOptions) -> int:
         return BAD_INPUT
     from ..results.writing import check_target
 
-    target = given.output
+    target = options.output
     check_target(target)
-    inputs = None if given.input is None else read_columns(given.input)
-    drive = opened(given.fmu, dict(_pair(text) for text in given.start), inputs)
+    inputs = None if options.input is None else read_columns(options.input)
+    drive = opened(options.fmu, dict(_pair(text) for text in options.start), inputs)
     # 0 and none: that of the FMU
-    step, stop = given.step or drive.step_size, given.stop or drive.stop_time
+    step, stop = options.step or drive.step_size, options.stop or drive.stop_time
     if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] >= 0.0):
         which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
         what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are held"
@@ -332,18 +332,18 @@ def simulate(given: SimulateOptions) -> int:
     def over() -> bool:
         nonlocal limited
         # from the start of the command, its imports included
-        limited |= given.max_cpu is not None and time.process_time() >= given.max_cpu + begin
+        limited |= options.max_cpu is not None and time.process_time() >= options.max_cpu + begin
         return limited
 
     try:
-        with Waiting("simulation", quiet=given.quiet) as waiting:
+        with Waiting("simulation", quiet=options.quiet) as waiting:
             for row in drive.run(step, stop, over):
                 rows.append(row)
                 waiting.reached(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
     finally:
         drive.close()
     write_csv(target, ["time", *drive.outputs], rows)
-    if not given.quiet:
+    if not options.quiet:
         for text in dict.fromkeys(drive.warnings):
             say(f"latin-fmu: warning of the FMU: {text}")
         print(f"{len(rows)} rows: {target}")
@@ -352,7 +352,7 @@ def simulate(given: SimulateOptions) -> int:
         say(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}")
         return SOLVER_FAILED
     if limited and reached < stop:
-        what = f"stopped by its limit of {given.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
+        what = f"stopped by its limit of {options.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
         say(f"latin-fmu: {what}; the rows until then are written")
         return LIMITED
     return CONVERGED

@@ -99,10 +99,10 @@ class _Declared:
         assert self.option is not None
         if isinstance(self.option, Argument):
             return [self.name]
-        given = self.option.flags.split()
-        if any(flag.startswith("--") for flag in given):
-            return given
-        return [*given, f"--{'no-' * (self.default is True)}{self.name.replace('_', '-')}"]
+        flags = self.option.flags.split()
+        if any(flag.startswith("--") for flag in flags):
+            return flags
+        return [*flags, f"--{'no-' * (self.default is True)}{self.name.replace('_', '-')}"]
 
     def keywords(self) -> dict[str, Any]:
         """Keywords of ``add_argument`` but for the help.
@@ -115,34 +115,34 @@ class _Declared:
         by_place, optional = isinstance(self.option, Argument), self.default is not _MISSING
         # what is not given is not in the result, and the default of the signature holds; plain defaults are there, for
         # checks of the arguments before the command runs
-        made: dict[str, Any] = {"default": self.default if isinstance(self.default, _PLAIN) else argparse.SUPPRESS}
+        keywords: dict[str, Any] = {"default": self.default if isinstance(self.default, _PLAIN) else argparse.SUPPRESS}
         if not by_place:
-            made |= {"dest": self.name, "required": not optional}
+            keywords |= {"dest": self.name, "required": not optional}
         if self.kind is bool:
-            return made | {"action": "store_false" if self.default is True else "store_true"}
+            return keywords | {"action": "store_false" if self.default is True else "store_true"}
         words = get_args(self.kind) if get_origin(self.kind) is tuple else ()
         one = words[0] if words else self.kind
         if get_origin(one) is Literal:
-            made["choices"] = get_args(one)
+            keywords["choices"] = get_args(one)
         elif self.option.read is None and one not in _PLAIN:
             raise TypeError(f"parameter {self.name}: nothing reads a {one}; give Option(read=...)")
         else:
-            made["type"] = self.option.read or one
+            keywords["type"] = self.option.read or one
         if self.option.metavar is not None:
-            made["metavar"] = self.option.metavar
+            keywords["metavar"] = self.option.metavar
         if words and words[-1] is not Ellipsis:
-            return made | {"nargs": len(words)}
+            return keywords | {"nargs": len(words)}
         if words:
-            return made | ({"nargs": "+"} if by_place else {"action": "append"})
+            return keywords | ({"nargs": "+"} if by_place else {"action": "append"})
         if by_place and optional:
-            return made | {"nargs": "?", "default": self.default}
-        return made if self.option.const is None else made | {"nargs": "?", "const": self.option.const}
+            return keywords | {"nargs": "?", "default": self.default}
+        return keywords if self.option.const is None else keywords | {"nargs": "?", "const": self.option.const}
 
-    def value(self, given: Mapping[str, Any]) -> Any:
-        """The value of the parameter from what was ``given`` on the command line."""
+    def value(self, arguments: Mapping[str, Any]) -> Any:
+        """The value of the parameter from the ``arguments`` of the command line."""
         if self.group:
-            return self.kind(**_values(self.kind, given))
-        value = given[self.name]
+            return self.kind(**_values(self.kind, arguments))
+        value = arguments[self.name]
         return tuple(value) if get_origin(self.kind) is tuple else value
 
 
@@ -168,9 +168,9 @@ def _declared(of: Callable[..., Any]) -> Iterator[_Declared]:
         yield _Declared(name, kind, option, parameter.default)
 
 
-def _values(of: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def _values(of: Callable[..., Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of a function or dataclass from what was given on the command line."""
-    return {one.name: one.value(given) for one in _declared(of) if one.group or one.name in given}
+    return {one.name: one.value(arguments) for one in _declared(of) if one.group or one.name in arguments}
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -206,14 +206,14 @@ class CommandParser(argparse.ArgumentParser):
         ------
         TypeError : a parameter without a sentence, in the docstring of the function that it goes to neither.
         """
-        known = [documented(name) for name in self._feeds] if self._borrowers else []
+        documentation = [documented(name) for name in self._feeds] if self._borrowers else []
         for action, one in self._borrowers:
             assert one.option is not None
-            sentence, default = next((found[one.name] for found in known if one.name in found), ("", None))
+            sentence, default = next((found[one.name] for found in documentation if one.name in found), ("", None))
             if not (one.option.text or sentence):
                 raise TypeError(f"the parameter {one.name} has no sentence, in {', '.join(self._feeds)} neither")
-            own = one.default is not None
-            action.help = _help(one.option.text or _said(one.name, sentence), one.default if own else default)
+            with_default = one.default is not None
+            action.help = _help(one.option.text or _said(one.name, sentence), one.default if with_default else default)
         return super().format_help()
 
 
@@ -271,11 +271,11 @@ def command(examples: str | None = None, feeds: tuple[str, ...] = ()) -> Callabl
     return lambda function: Command(function, examples, feeds)
 
 
-def handed(given: object, function: Callable[..., Any]) -> dict[str, Any]:
-    """Options of ``given``, a dataclass, that ``function`` has an optional parameter for; those that the user has not
+def handed(options: object, function: Callable[..., Any]) -> dict[str, Any]:
+    """Those of ``options``, a dataclass, that ``function`` has an optional parameter for; those that the user has not
     given (None) are left out, so that the defaults of the function hold."""
     named = [name for name, one in inspect.signature(function).parameters.items() if one.default is not _MISSING]
-    return {name: value for name in named if (value := getattr(given, name, None)) is not None}
+    return {name: value for name in named if (value := getattr(options, name, None)) is not None}
 
 
 def documented(function: str) -> dict[str, tuple[str, Any]]:
@@ -290,9 +290,9 @@ def documented(function: str) -> dict[str, tuple[str, Any]]:
     tree = ast.parse(source.read_text(encoding="utf-8"))
     node = next(one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name == function)
     places = [*node.args.posonlyargs, *node.args.args]
-    given = dict(zip([one.arg for one in places][::-1], node.args.defaults[::-1], strict=False))
-    given |= {a.arg: d for a, d in zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True) if d is not None}
-    defaults = {name: ast.literal_eval(default) for name, default in given.items()}
+    expressions = dict(zip([one.arg for one in places][::-1], node.args.defaults[::-1], strict=False))
+    expressions |= {a.arg: d for a, d in zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True) if d is not None}
+    defaults = {name: ast.literal_eval(default) for name, default in expressions.items()}
     section = (ast.get_docstring(node) or "").partition("Parameters\n----------\n")[2].split("\n\n")[0]
     return {
         name.strip(): (text.rstrip("."), defaults.get(name.strip()))

@@ -141,80 +141,80 @@ class SolveOptions(OfScene):
 
 
 @command(_EXAMPLES)
-def run(given: SolveOptions, signals: Signals) -> int:
+def run(options: SolveOptions, signals: Signals) -> int:
     """Solve a scene and write its results."""
-    if given.output is not None:
-        check_netcdf(given.output)
+    if options.output is not None:
+        check_netcdf(options.output)
     processes = started_together()
     if processes is None:
-        return _run_alone(given, signals)
+        return _run_alone(options, signals)
     with ending_together(processes, signals):
-        return _distributed(given, signals, processes)
+        return _distributed(options, signals, processes)
 
 
-def _distributed(given: SolveOptions, signals: StopSignals, processes: Processes) -> int:
+def _distributed(options: SolveOptions, signals: StopSignals, processes: Processes) -> int:
     """The same on several processes: process 0 shows how far the run is, and writes the results."""
     first = processes.rank == 0
-    given = replace(given, quiet=given.quiet or not first)
+    options = replace(options, quiet=options.quiet or not first)
     with processes.agreed():
-        scene = given.read_scene()
-        refused: dict[str, object] = {"--checkpoint": given.checkpoint, "--resume": given.resume or None}
-        refused["--accuracy"] = _target(scene, given)
+        scene = options.read_scene()
+        refused: dict[str, object] = {"--checkpoint": options.checkpoint, "--resume": options.resume or None}
+        refused["--accuracy"] = _target(scene, options)
         if wanted := [name for name, value in refused.items() if value is not None]:
             problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in wanted]
             raise InputError(problems, "the run cannot be distributed over processes")
-        target = _checked_outputs(scene, given) if first else Path()
+        target = _checked_outputs(scene, options) if first else Path()
     # all processes take part in the estimate
-    solution = _estimated(scene, _solve(scene, given, signals, processes=processes), given, processes)
+    solution = _estimated(scene, _solve(scene, options, signals, processes=processes), options, processes)
     with processes.agreed():
         if first:
             written: list[str] = []
-            lost = _write(solution, target, given, written)
-            _show(solution, given, written, None, lost)
-    return _code(solution, solution.trustworthy, given)
+            lost = _write(solution, target, options, written)
+            _show(solution, options, written, None, lost)
+    return _code(solution, solution.trustworthy, options)
 
 
-def _checked_outputs(scene: Scene, given: SolveOptions) -> Path:
+def _checked_outputs(scene: Scene, options: SolveOptions) -> Path:
     """The results file, after a note on inputs; made sure before the long part that all outputs can be written."""
     from ..results.writing import check_target
 
-    _note_inputs(scene, given.quiet)
-    target = given.output or Path(f"{scene.name}.nc")
+    _note_inputs(scene, options.quiet)
+    target = options.output or Path(f"{scene.name}.nc")
     check_target(target)
-    if given.vtk is not None:
+    if options.vtk is not None:
         from ..results.vtk import check_export_folder
 
-        check_export_folder(given.vtk)
-    if given.figure is not None:
+        check_export_folder(options.vtk)
+    if options.figure is not None:
         from ..pictures.style import check_figure_path
 
-        check_figure_path(given.figure)
-        check_target(given.figure)
+        check_figure_path(options.figure)
+        check_target(options.figure)
     return target
 
 
-def _code(solution: Solution, good: bool, given: SolveOptions) -> int:
+def _code(solution: Solution, good: bool, options: SolveOptions) -> int:
     """Exit code of a run that has been written."""
     if solution.interrupted:
         return LIMITED
-    return NOT_CONVERGED if not good else REMARKED if given.strict and solution.warnings else CONVERGED
+    return NOT_CONVERGED if not good else REMARKED if options.strict and solution.warnings else CONVERGED
 
 
-def _run_alone(given: SolveOptions, signals: StopSignals) -> int:
+def _run_alone(options: SolveOptions, signals: StopSignals) -> int:
     with signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.writing import remove_dead_drafts
 
-        scene = given.read_scene()
-    target = _checked_outputs(scene, given)
+        scene = options.read_scene()
+    target = _checked_outputs(scene, options)
     remove_dead_drafts(target.parent)
-    wanted = _target(scene, given)
+    wanted = _target(scene, options)
     # before the search: it refuses options that contradict each other
-    checkpoint = _checkpoint(Path(f"{target}.checkpoint"), given, signals, wanted is not None)
-    choice = None if wanted is None else _chosen(scene, wanted, given)
+    checkpoint = _checkpoint(Path(f"{target}.checkpoint"), options, signals, wanted is not None)
+    choice = None if wanted is None else _chosen(scene, wanted, options)
     if choice is None:
-        solution = _solve(scene, given, signals, checkpoint=checkpoint, stream=_folder(checkpoint.path))
-        solution = _estimated(scene, solution, given, stream=_folder(target))
+        solution = _solve(scene, options, signals, checkpoint=checkpoint, stream=_folder(checkpoint.path))
+        solution = _estimated(scene, solution, options, stream=_folder(target))
     elif choice.solution is None:
         raise SolverError(choice.sentence)
     else:
@@ -222,8 +222,8 @@ def _run_alone(given: SolveOptions, signals: StopSignals) -> int:
     written = [] if choice is None else [choice.sentence]
     # a signal does not interrupt the writing: it ends the process with its code below
     signals.noted = True
-    with Waiting("writing the results", quiet=given.quiet):
-        lost = _write(solution, target, given, written)
+    with Waiting("writing the results", quiet=options.quiet):
+        lost = _write(solution, target, options, written)
     # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
@@ -231,11 +231,11 @@ def _run_alone(given: SolveOptions, signals: StopSignals) -> int:
         checkpoint.remove()
     elif checkpoint.found:
         written.append(f"checkpoint: {checkpoint.path} (continue with --resume)")
-    _show(solution, given, written, choice, lost)
+    _show(solution, options, written, choice, lost)
     if signals.received:
         return int(signals.exit_code)
     good = solution.trustworthy and (choice is None or choice.reached)
-    return _code(solution, good, given)
+    return _code(solution, good, options)
 
 
 def _folder(path: Path) -> Path:
@@ -253,12 +253,12 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
         say(f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}")
 
 
-def _write(solution: Solution, target: Path, given: SolveOptions, written: list[str]) -> list[Problem]:
+def _write(solution: Solution, target: Path, options: SolveOptions, written: list[str]) -> list[Problem]:
     """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
     from ..results.writing import UnwrittenError
 
     lost: list[Problem] = []
-    vtk, figure = given.vtk, given.figure
+    vtk, figure = options.vtk, options.figure
     try:
         solution.save(target)
         written.append(f"results: {target}")
@@ -308,9 +308,9 @@ def _lean_imports() -> Iterator[None]:
                 delattr(numpy, name)
 
 
-def _target(scene: Scene, given: SolveOptions) -> float | None:
+def _target(scene: Scene, options: SolveOptions) -> float | None:
     """The accuracy wanted, by the option or by the scene."""
-    text = given.accuracy
+    text = options.accuracy
     if text is None:
         return scene.accuracy.target
     try:
@@ -323,20 +323,20 @@ def _target(scene: Scene, given: SolveOptions) -> float | None:
     return value
 
 
-def _chosen(scene: Scene, wanted: float, given: SolveOptions) -> Choice:
+def _chosen(scene: Scene, wanted: float, options: SolveOptions) -> Choice:
     """The search for the settings; what it does goes to stderr."""
     from ..accuracy.adaptive_resolution import choose
 
-    log = (lambda _: None) if given.quiet else say
-    return choose(scene, wanted, given.max_cpu or _SEARCH, log)
+    log = (lambda _: None) if options.quiet else say
+    return choose(scene, wanted, options.max_cpu or _SEARCH, log)
 
 
-def _checkpoint(path: Path, given: SolveOptions, signals: StopSignals, searched: bool) -> Checkpoint:
+def _checkpoint(path: Path, options: SolveOptions, signals: StopSignals, searched: bool) -> Checkpoint:
     """The checkpoint of the run; ``searched``: the settings are, by many runs, of which none can be continued."""
     from ..results.checkpoint import Checkpoint
 
-    every = given.checkpoint or Interval()
-    if searched and (given.checkpoint is not None or given.resume):
+    every = options.checkpoint or Interval()
+    if searched and (options.checkpoint is not None or options.resume):
         what, remedy = "the search for an accuracy has no checkpoints", "run with the settings that it chose"
         raise InputError([Problem("--checkpoint", what, remedy=remedy)], "the options contradict each other")
 
@@ -347,16 +347,16 @@ def _checkpoint(path: Path, given: SolveOptions, signals: StopSignals, searched:
             super().begin(run, digest)
             signals.noted = True
 
-    return Interruptible(path, *every, given.resume, lambda: signals.received != 0, say)
+    return Interruptible(path, *every, options.resume, lambda: signals.received != 0, say)
 
 
-def _solve(scene: Scene, given: SolveOptions, signals: StopSignals, **options: Any) -> Solution:
+def _solve(scene: Scene, options: SolveOptions, signals: StopSignals, **keywords: Any) -> Solution:
     """The solution of the scene, with its progress on stderr; options as for ``api.solve``."""
     from .. import api
 
     try:
-        with Progress(scene.solver.tolerance, given.quiet) as progress:
-            return api.solve(scene, progress=progress, max_cpu=given.max_cpu, **options)
+        with Progress(scene.solver.tolerance, options.quiet) as progress:
+            return api.solve(scene, progress=progress, max_cpu=options.max_cpu, **keywords)
     finally:
         # the run is over: what follows may be interrupted
         signals.noted = False
@@ -365,19 +365,19 @@ def _solve(scene: Scene, given: SolveOptions, signals: StopSignals, **options: A
 def _estimated(
     scene: Scene,
     solution: Solution,
-    given: SolveOptions,
+    options: SolveOptions,
     processes: Processes | None = None,
     stream: Path | None = None,
 ) -> Solution:
     """The solution with its estimated error, where that is requested and can be estimated."""
-    if not given.estimate or not scene.accuracy.estimate or not solution.trustworthy:
+    if not options.estimate or not scene.accuracy.estimate or not solution.trustworthy:
         return solution
     from ..accuracy.estimate import estimate_error
 
-    left = _left(solution, given)
+    budget = _left(solution, options)
     try:
-        with Waiting("error estimate", quiet=given.quiet) as waiting:
-            estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, left)
+        with Waiting("error estimate", quiet=options.quiet) as waiting:
+            estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, budget)
     except KeyboardInterrupt:
         # all processes must end together: the others wait in an exchange
         if processes is not None:
@@ -386,13 +386,13 @@ def _estimated(
     return replace(solution, estimate=estimate)
 
 
-def _left(solution: Solution, given: SolveOptions) -> float | None:
+def _left(solution: Solution, options: SolveOptions) -> float | None:
     """CPU seconds that a run has left of its limit for the estimate; None without a limit."""
-    return None if given.max_cpu is None else max(given.max_cpu - solution.timings.total, 0.0)
+    return None if options.max_cpu is None else max(options.max_cpu - solution.timings.total, 0.0)
 
 
 def _show(
-    solution: Solution, given: SolveOptions, written: list[str], choice: Choice | None, lost: list[Problem]
+    solution: Solution, options: SolveOptions, written: list[str], choice: Choice | None, lost: list[Problem]
 ) -> None:
     """The report or the summary on stdout; with ``--json`` the status goes to stderr for people.
 
@@ -400,15 +400,15 @@ def _show(
     ------
     UnwrittenError : outputs are ``lost``; after the numbers, which a full disk must not cost as well.
     """
-    if given.json:
+    if options.json:
         print(json_lines(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
-    elif not given.quiet:
-        print("\n".join([solution.summary(given.details), "", *written]))
-    if not given.quiet and given.json:
+    elif not options.quiet:
+        print("\n".join([solution.summary(options.details), "", *written]))
+    if not options.quiet and options.json:
         say("\n".join([solution.status, *written]))
-    elif given.quiet and not solution.trustworthy:
+    elif options.quiet and not solution.trustworthy:
         say(solution.status)
-    elif given.quiet and choice is not None and not choice.reached:
+    elif options.quiet and choice is not None and not choice.reached:
         say(choice.sentence)
     if lost:
         from ..results.writing import UnwrittenError

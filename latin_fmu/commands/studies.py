@@ -278,11 +278,11 @@ def stress(
         if json:
             say(verdict(rows, left_out))
         return LIMITED
-    return CONVERGED if all(row.passed or row.known for row in rows) else NOT_CONVERGED
+    return CONVERGED if all(row.passed or row.known_fault for row in rows) else NOT_CONVERGED
 
 
 @command(_SWEEP_EXAMPLES, feeds=("sweep", "sample"))
-def sweep(given: SweepOptions, signals: Signals) -> int:
+def sweep(options: SweepOptions, signals: Signals) -> int:
     """Solve a scene for all combinations of parameters, over processes or a dask cluster."""
     with signals.deferred():
         from ..machine import usable_cores
@@ -290,43 +290,43 @@ def sweep(given: SweepOptions, signals: Signals) -> int:
         from ..parametric.samples import sample
         from ..parametric.study import sweep
         from ..results.groups import StoredGroup, units_of
-    if bool(given.vary) == (given.samples is not None):
+    if bool(options.vary) == (options.samples is not None):
         what, remedy = "either values or samples", "give --vary, or --samples with a table [spread]"
         raise InputError.of("the study cannot be made", "--vary, --samples", what, remedy=remedy)
-    output = given.output or Path(f"{given.scene.stem}_study.nc")
-    jobs = given.jobs
+    output = options.output or Path(f"{options.scene.stem}_study.nc")
+    jobs = options.jobs
     if jobs is None:
         # workers of a cluster have their own cores
-        jobs = usable_cores() if given.scheduler is None else 1
-    own: dict[str, Any] = {"settings": given.overrides, "jobs": jobs, "log": None if given.quiet else say}
-    own["output"] = output
+        jobs = usable_cores() if options.scheduler is None else 1
+    more: dict[str, Any] = {"settings": options.overrides, "jobs": jobs, "log": None if options.quiet else say}
+    more["output"] = output
     lines = list[str]()
     try:
-        if given.samples is None:
-            study = sweep(given.scene, given.vary, **handed(given, sweep) | own)
+        if options.samples is None:
+            study = sweep(options.scene, options.vary, **handed(options, sweep) | more)
         else:
-            compared, tree = sample(given.scene, given.samples, **handed(given, sample) | own)
+            compared, tree = sample(options.scene, options.samples, **handed(options, sample) | more)
             study, lines = tree.to_dataset(), compared.lines(units_of(tree.attrs))
     except KeyboardInterrupt:
         say(f"the points done so far are in {output}.points: the same command continues")
         raise
     states = study["state"].values
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
-    if given.json:
+    if options.json:
         report = StoredGroup.of_dataset(study).report()
-        print(json_lines(report if given.samples is None else report | {"bands": compared.report()}))
+        print(json_lines(report if options.samples is None else report | {"bands": compared.report()}))
     elif lines:
         print("\n".join(lines))
     written = f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})"
-    if not given.quiet:
-        tell_written(given.json, written)
+    if not options.quiet:
+        tell_written(options.json, written)
     elif states.any():
         say(written)
     return CONVERGED if not states.any() else NOT_CONVERGED
 
 
 @command(_CALIBRATE_EXAMPLES, feeds=("calibrate",))
-def calibrate(given: CalibrateOptions) -> int:
+def calibrate(options: CalibrateOptions) -> int:
     """Fit parameters of a scene to measured data, with intervals and the combinations that the data do not
     determine."""
     from ..calibration.figure import calibration_figure
@@ -335,22 +335,22 @@ def calibrate(given: CalibrateOptions) -> int:
     from ..reader import scene_from_dict
     from ..results.writing import check_target, write_bytes
 
-    scene = given.read_scene()
-    target = given.output or given.scene.with_name(f"{given.scene.stem}_calibrated.toml")
+    scene = options.read_scene()
+    target = options.output or options.scene.with_name(f"{options.scene.stem}_calibrated.toml")
     picture = target.with_suffix(".png")
     for path in (target, picture):
         check_target(path)
     if target.parent.resolve() != scene.base_dir.resolve():
         scene_from_dict(scene.tables(), target.parent)  # files that it names must be found from there, too
-    with Waiting("runs", quiet=given.quiet) as waiting:
-        made = calibrate(scene, given.data, given.fit, **handed(given, calibrate), log=waiting.log)
-    tell(given.json, made.lines(), made.report)
+    with Waiting("runs", quiet=options.quiet) as waiting:
+        calibration = calibrate(scene, options.data, options.fit, **handed(options, calibrate), log=waiting.log)
+    tell(options.json, calibration.lines(), calibration.report)
     # comments stay where the file has all the numbers
-    source = None if given.overrides else given.scene.read_text(encoding="utf-8-sig")
-    write_bytes(target, made.text(source).encode())
-    save_figure(calibration_figure(made), picture)
-    tell_written(given.json, f"calibrated scene: {target}, figure: {picture}")
-    return CONVERGED if made.converged else NOT_CONVERGED
+    source = None if options.overrides else options.scene.read_text(encoding="utf-8-sig")
+    write_bytes(target, calibration.text(source).encode())
+    save_figure(calibration_figure(calibration), picture)
+    tell_written(options.json, f"calibrated scene: {target}, figure: {picture}")
+    return CONVERGED if calibration.converged else NOT_CONVERGED
 
 
 def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int) -> None:

@@ -60,9 +60,9 @@ OPERATIONS: Final = ("flop", "entry", "sparse", "value", "call")
 together. ``call`` : calls of the Python driver."""
 
 
-def numbers(**given: float) -> Array:
+def numbers(**amounts: float) -> Array:
     """Counts of operations, or the CPU seconds of one of each, in the order of ``OPERATIONS``."""
-    return np.array([given.get(name, 0.0) for name in OPERATIONS])
+    return np.array([amounts.get(name, 0.0) for name in OPERATIONS])
 
 
 SECONDS: Final = numbers(flop=3.5e-11, entry=1.8e-10, sparse=4.8e-10, value=9.5e-9, call=1.3e-4)
@@ -168,11 +168,11 @@ def run_size(discretised: DiscretisedProblem, grouped: GroupedAssembly | None = 
     classes, interfaces = [], interfaces_of(scene)
     sizes = iterated(marched, [class_size(c.members[0], len(c.members), interfaces) for c in marched.classes])
     for c, size in zip(marched.classes, sizes, strict=True):
-        own = [discretised.bodies[name] for name in bodies[c.members[0].name]]
-        counts = sum(body.mesh.n_node for body in own), sum(body.mesh.n_cell for body in own)
+        members = [discretised.bodies[name] for name in bodies[c.members[0].name]]
+        counts = sum(body.mesh.n_node for body in members), sum(body.mesh.n_cell for body in members)
         # members of a class may start to move at different instants: the mean counts
         moving = float(np.mean([max(share[name] for name in bodies[m.name]) for m in c.members]))
-        classes.append(RunClass(size, *counts, own[0].rigid, moving))
+        classes.append(RunClass(size, *counts, members[0].rigid, moving))
     return RunSize(
         classes=tuple(classes),
         propagator=chosen_propagators(scene, marched.classes)[0],
@@ -311,8 +311,8 @@ def march_counts(run: RunSize) -> Array:
         total += numbers(flop=float(run.n_flat) ** 3, entry=float(run.n_instant * run.n_flat**2))
     if run.increments:
         # K alone has factors of its own, made and left before the march: no tables, products in double precision
-        own = (replace(c.size, columns=0.0, product=2.0 * c.size.swept) for c in run.classes)
-        classes = tuple(replace(c, size=size) for c, size in zip(run.classes, own, strict=True))
+        sizes = (replace(c.size, columns=0.0, product=2.0 * c.size.swept) for c in run.classes)
+        classes = tuple(replace(c, size=size) for c, size in zip(run.classes, sizes, strict=True))
         iterations = _CLOSELY_LARGE if any(c.size.swept for c in classes) else _CLOSELY
         start = replace(run, classes=classes, static=True, window=1, iterations=iterations)
         total += run.increments * _instant(start) + operator_counts(start)
@@ -326,15 +326,15 @@ def _instant(run: RunSize) -> Array:
     """One instant of all classes and interfaces (of one sweep, where a window has several)."""
     iterations = run.iterations if run.window == 1 or run.static else 1.0
     total = numbers(value=(iterations + 2.0) * run.n_flat)
-    held = 0.0
+    memory = 0.0
     for c in run.classes:
         one = _march(run, c.size, iterations)
-        held += float(one @ numbers(entry=4.0, sparse=12.0))  # bytes; factors are read twice
+        memory += float(one @ numbers(entry=4.0, sparse=12.0))  # bytes; factors are read twice
         total += c.together * one
     if run.static:
         total += numbers(call=(min(iterations, STATIC) + 2.0) * len(run.classes))
     # the part of the operators that each instant reads from memory again
-    beyond = max(0.0, 1.0 - CACHE / held) if held else 0.0
+    beyond = max(0.0, 1.0 - CACHE / memory) if memory else 0.0
     return total * (1.0 + numbers(entry=beyond))  # on entries alone: the others stay as counted
 
 
@@ -472,8 +472,8 @@ def short_steps(d: DiscretisedProblem, sizes: Sequence[ClassSize]) -> bool:
     if settings.window != 1 or settings.quasi_static or not any(s.swept for s in sizes):
         return False
     weights = d.scheme.operator(float(d.time[1] - d.time[0]))
-    own = (c.members[0].reduced for c, size in zip(d.classes, sizes, strict=True) if size.swept)
-    return not any(long_steps(weights, mass, stiffness) for mass, _, stiffness in own)
+    matrices = (c.members[0].reduced for c, size in zip(d.classes, sizes, strict=True) if size.swept)
+    return not any(long_steps(weights, mass, stiffness) for mass, _, stiffness in matrices)
 
 
 def iterated(d: DiscretisedProblem, sizes: Sequence[ClassSize]) -> list[ClassSize]:
@@ -517,10 +517,12 @@ def _reach(
     matrix = weights[0] * mass + weights[2] * stiffness + (0.0 if damping is None else weights[1] * damping)
     trace, picked = model.reduced_trace, points.picked()[:4]
     at, component = np.nonzero(points.channels[picked] >= 0)
-    own = points.channels[picked][at, component]
-    forces = trace[own].T.toarray()
+    channels = points.channels[picked][at, component]
+    forces = trace[channels].T.toarray()
     # displacement of a channel under a unit force on itself: the diagonal is that of Y
-    softness = (trace[own] @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces)).diagonal()
+    softness = (
+        trace[channels] @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces)
+    ).diagonal()
     dashpots = np.zeros(trace.shape[0])
     for e in np.unique(component):
         here = points.channels[:, e]
@@ -530,10 +532,10 @@ def _reach(
     moved = np.abs(trace @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces))
     on_points = np.where(points.channels[..., None] >= 0, moved[points.channels], 0.0).max(axis=1)  # largest of a block
     apart: Array = np.linalg.norm(points.positions[:, None] - points.positions[picked[at]], axis=2)
-    kept = on_points > truncation * on_points.max(initial=0.0)
-    reach = float(apart[kept].max(initial=0.0))
+    within = on_points > truncation * on_points.max(initial=0.0)
+    reach = float(apart[within].max(initial=0.0))
     # a row of points at the distance counts whatever its round-off
-    return reach, float(kept.mean()), float((apart <= 1.0001 * reach).sum(axis=0).max(initial=0))
+    return reach, float(within.mean()), float((apart <= 1.0001 * reach).sum(axis=0).max(initial=0))
 
 
 _CELL: Final = 15e3  # bytes of matrices and meshes per cell
@@ -600,12 +602,12 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     opening = sum(u.geometry.n_point for u in units if u.behaviour.opens)
     sliding = sum(u.geometry.n_point for u in units if u.behaviour.n_component == 1)
     most = max((u.geometry.n_point for u in units), default=0)
-    kept = 2 * run.n_flat + opening + 6 * sliding
+    per_instant = 2 * run.n_flat + opening + 6 * sliding
     instants = ceil(n_time / output.interfaces_every)
     # a temporary file takes all instants, memory keeps some of them
-    if stream and 8.0 * kept * instants > STREAMED:
+    if stream and 8.0 * per_instant * instants > STREAMED:
         instants = min(instants, IN_MEMORY)
-    numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
+    numbers = per_instant + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
     numbers += output.surfaces * (4 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
     per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
@@ -696,26 +698,26 @@ def check_memory(p: Prediction, stream: bool = False) -> None:
 def _remedy(p: Prediction, need: MemoryNeed, room: float) -> str:
     """Settings with which the run fits: of fields first, then of interfaces and energies, then of operators."""
     output, settings = p.scene.output, []
-    left = need.total
+    rest = need.total
     for part, keys, every in (
         ("fields", ("fields", "stress", "strain", "nodal_stress", "principal_stress"), "every"),
         ("energies", ("energy",), None),
         ("interfaces", (), "interfaces_every"),
     ):
         size = getattr(need, part)
-        if left <= room or size < 0.01 * need.total:
+        if rest <= room or size < 0.01 * need.total:
             continue
-        others = left - size
+        others = rest - size
         # if all else left some room, fewer instants are enough; a fifth is kept free for what is an estimate
         if every is not None and others < 0.8 * room:
             factor = ceil(size / (0.8 * room - others))
             settings.append(f"output.{every} = {factor * getattr(output, every)}")
-            left = others + size / factor
+            rest = others + size / factor
         else:
             # interfaces are always kept: no key turns them off
             settings += [f"output.{key} = false" for key in keys if getattr(output, key)]
-            left = others if keys else left
-    if left > room:
+            rest = others if keys else rest
+    if rest > room:
         operators = need.operators > 0.5 * room
         settings.append("a coarser mesh" if operators else "fewer instants (time.instants)")
-    return f"it fits with {' and '.join(settings)}" if left <= room else f"use {', '.join(settings)}"
+    return f"it fits with {' and '.join(settings)}" if rest <= room else f"use {', '.join(settings)}"

@@ -166,24 +166,28 @@ def explain(scene: Scene, text: str = "") -> Explanation:
 
 def _unchecked(p: Prediction) -> tuple[str, ...]:
     """Remarks that nothing but factors of matrices, an equilibrium or the run itself can give."""
-    made = []
+    lines = []
     if p.discretised.units and not p.scene.time.quasi_static:
-        made.append("whether mesh and step resolve waves at the interfaces needs factors: latin-fmu check")
+        lines.append("whether mesh and step resolve waves at the interfaces needs factors: latin-fmu check")
     if p.scene.time.start.type == "static" and not p.scene.time.quasi_static:
-        made.append("how far the static start converges needs its solution: latin-fmu run")
+        lines.append("how far the static start converges needs its solution: latin-fmu run")
         if p.scene.bolt and any(coulomb_coefficient(unit.behaviour) for unit in p.discretised.units):
-            made.append(
+            lines.append(
                 "damping: that of scheme and step by latin-fmu modes; that of the joints by latin-fmu backbone, where "
                 "small losses need a tolerance of 1e-8 and short elements at the rims of the pressure"
             )
-    made.append("slip, rotations, strains, faces that never touch are known at the end: latin-fmu run")
-    return tuple(made)
+    lines.append("slip, rotations, strains, faces that never touch are known at the end: latin-fmu run")
+    return tuple(lines)
 
 
 def _interfaces(p: Prediction) -> str:
     """How each class of substructures solves with its interfaces."""
     large = [c.size for c in p.run.classes if c.size.swept]
-    names = [c.members[0].name for c, own in zip(p.discretised.classes, p.run.classes, strict=True) if own.size.swept]
+    names = [
+        c.members[0].name
+        for c, run_class in zip(p.discretised.classes, p.run.classes, strict=True)
+        if run_class.size.swept
+    ]
     if not large:
         return "dense matrices"
     read, whole = (readable(8.0 * max(x), "B", 3) for x in ([s.swept for s in large], [s.factor for s in large]))
@@ -366,11 +370,11 @@ def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         if changed(p, settings) is None:
             continue
         place = next(i for i, c in enumerate(p.discretised.classes) if name in [m.name for m in c.members])
-        own = p.run.classes[place]
+        run_class = p.run.classes[place]
         yield Suggestion(
-            f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
+            f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {run_class.size.unknowns}",
             settings,
-            _factor(p, _rigidified(p, own)),
+            _factor(p, _rigidified(p, run_class)),
             "waves and stresses in it, and its part in the stiffness of the contact",
         )
 
@@ -388,12 +392,12 @@ def _rigidified(p: Prediction, one: RunClass) -> RunSize:
 def _stored(p: Prediction, effects: list[Effect]) -> Iterator[Suggestion]:
     """Output that takes a good part of the time."""
     cost = {e.name: e.cost / p.instant for e in effects}
-    kept = [name for name in ("interior history", "stress") if cost.get(name, 0.0) > COSTLY]
-    if kept and p.run.every == 1 and p.run.n_instant >= 2 * TENTH:
-        share = sum(cost[name] for name in kept)
-        verb = "take" if len(kept) > 1 else "takes"
+    terms = [name for name in ("interior history", "stress") if cost.get(name, 0.0) > COSTLY]
+    if terms and p.run.every == 1 and p.run.n_instant >= 2 * TENTH:
+        share = sum(cost[name] for name in terms)
+        verb = "take" if len(terms) > 1 else "takes"
         yield Suggestion(
-            f"{' and '.join(kept)} {verb} {100 * share:.0f} % of every instant",
+            f"{' and '.join(terms)} {verb} {100 * share:.0f} % of every instant",
             (f"output.every={TENTH}",),
             _factor(p, replace(p.run, every=TENTH)),
             f"fields and stresses between every {TENTH}th instant; forces and the motion stay as they are",
@@ -494,5 +498,5 @@ def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
 
 def _stable_step(explicit: DiscretisedProblem) -> float:
     """Longest stable step of an explicit problem, s."""
-    made = (ExplicitPropagator(c.members, explicit.scheme, explicit.dt, energy=False) for c in explicit.classes)
-    return min(propagator.stability.longest for propagator in made)
+    propagators = (ExplicitPropagator(c.members, explicit.scheme, explicit.dt, energy=False) for c in explicit.classes)
+    return min(propagator.stability.longest for propagator in propagators)

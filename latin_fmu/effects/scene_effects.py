@@ -78,8 +78,8 @@ def scene_with(scene: Scene, edit: Callable[[dict[str, Any]], dict[str, Any] | N
     tables = scene.tables()
     if "scheme" not in scene.time.model_fields_set:  # a default that may depend on the rest
         tables["time"].pop("scheme", None)
-    made = edit(tables)
-    return scene_from_dict(tables if made is None else made, scene.base_dir)
+    result = edit(tables)
+    return scene_from_dict(tables if result is None else result, scene.base_dir)
 
 
 def changed(p: Prediction, settings: Sequence[str]) -> DiscretisedProblem | None:
@@ -331,8 +331,8 @@ def preload(p: Prediction) -> Effect:
     if not units:
         switch = "preload, preload_force or interference > 0"
         return _off("preload", ["interface.*.preload"], "no interface is pressed at the start", switch)
-    given = p.scene.interface
-    keys = tuple(f"interface.{u.name}.{k}" for u in units for k in kinds if getattr(given[u.name], k) > 0)
+    interfaces = p.scene.interface
+    keys = tuple(f"interface.{u.name}.{k}" for u in units for k in kinds if getattr(interfaces[u.name], k) > 0)
     reason = f"up to {max(u.preload for u in units):.4g} {p.scene.unit_system['Pa']} at the start"
     return Effect("preload", True, keys, reason, "set it to 0", ("forcing",))
 

@@ -91,11 +91,11 @@ class GroupedAssembly:
 
     def displaced(self, start: InitialState) -> GroupedAssembly:
         """The same with these initial displacements, and a layout of its own, whose gaps a start changes."""
-        known = {
+        displacement = {
             group.model.name: np.concatenate([start.displacement.get(m.name, m.displacement) for m in group.models])
             for group in self.groups
         }
-        whole = replace(start, displacement={**start.displacement, **known})
+        whole = replace(start, displacement={**start.displacement, **displacement})
         classes = whole.displaced(self.classes)
         models = {m.name: m for c in classes for m in c.members}
         groups = [replace(group, model=models[group.model.name]) for group in self.groups]
@@ -116,12 +116,12 @@ class GroupedAssembly:
                     if np.abs(jump @ values).max(initial=0.0) > _APART * np.abs(values).max(initial=0.0):
                         raise TieError(f"the sides of interface {units[i].name} are {kind} at t = 0")
 
-    def pairs(self, own: Layout, layout: Layout) -> tuple[Index, Index]:
+    def pairs(self, outer: Layout, layout: Layout) -> tuple[Index, Index]:
         """Channels of the interfaces that are left in a layout of theirs, and in that of all, (n,) each."""
         none = np.zeros(0, dtype=np.int64)
         numbers = list(enumerate(self.remaining))
         return (
-            np.concatenate([none, *(own.channels(j, side).ravel() for j, _ in numbers for side in (0, 1))]),
+            np.concatenate([none, *(outer.channels(j, side).ravel() for j, _ in numbers for side in (0, 1))]),
             np.concatenate([none, *(layout.channels(i, side).ravel() for _, i in numbers for side in (0, 1))]),
         )
 
@@ -151,28 +151,28 @@ class GroupedAssembly:
         ------
         TieError : bonds between faces that are driven apart, or sides that are apart or move apart at t = 0.
         """
-        known = {m.name: (m, c.channels[:, j], c.key) for c in classes for j, m in enumerate(c.members)}
+        members = {m.name: (m, c.channels[:, j], c.key) for c in classes for j, m in enumerate(c.members)}
         remaining = tuple(i for i in range(len(units)) if i not in set(bonded))
         groups, grouped = list[BondGroup](), set[str]()
         order = {name: n for n, name in enumerate(bodies)}
         for names, joints in connected(units, bonded):
             names.sort(key=order.__getitem__)
             grouped.update(names)
-            groups.append(_group(names, joints, (units, layout, remaining), known, bodies))
+            groups.append(_group(names, joints, (units, layout, remaining), members, bodies))
         inner = {i for group in groups for i in group.inner}
-        left = [against_ground(units[i]) if i in inner else units[i] for i in remaining]
-        own = Layout(left)
-        into = _renumbered(layout, own, remaining)
-        made = [rest for c in classes if (rest := _without(c, grouped, into)) is not None]
+        outer_units = [against_ground(units[i]) if i in inner else units[i] for i in remaining]
+        outer = Layout(outer_units)
+        into = _renumbered(layout, outer, remaining)
+        outer_classes = [rest for c in classes if (rest := _without(c, grouped, into)) is not None]
         keys: dict[bytes, list[BondGroup]] = {}
         for group in groups:
-            keys.setdefault(_key(group, known), []).append(group)
+            keys.setdefault(_key(group, members), []).append(group)
         for key, alike in keys.items():
             channels = np.stack([into[group.channels] for group in alike], axis=1)
-            made.append(ModelClass([group.model for group in alike], channels, key=key))
-        places = {name: GroupPlace(name, slice(0, known[name][0].n_full)) for name in known if name not in grouped}
+            outer_classes.append(ModelClass([group.model for group in alike], channels, key=key))
+        places = {name: GroupPlace(name, slice(0, members[name][0].n_full)) for name in members if name not in grouped}
         places |= {n: GroupPlace(g.model.name, part) for g in groups for n, part in g.where.items()}
-        return GroupedAssembly(groups, made, remaining, left, own, places)
+        return GroupedAssembly(groups, outer_classes, remaining, outer_units, outer, places)
 
 
 def suited(
@@ -216,35 +216,35 @@ def _relax_alike(branches: Sequence[MaxwellBranches]) -> bool:
 def connected(units: Sequence[InterfaceUnit], bonded: Sequence[int]) -> list[tuple[list[str], list[int]]]:
     """Names of the bodies of every group, and numbers of its bonds."""
     sides = {i: [name for _, _, name in body_sides([units[i]])] for i in bonded}
-    names = list(dict.fromkeys(name for own in sides.values() for name in own))
+    names = list(dict.fromkeys(name for bodies in sides.values() for name in bodies))
     number = {name: n for n, name in enumerate(names)}
-    pairs = np.array([(number[own[0]], number[own[-1]]) for own in sides.values()]).reshape(-1, 2).T
+    pairs = np.array([(number[bodies[0]], number[bodies[-1]]) for bodies in sides.values()]).reshape(-1, 2).T
     graph = sp.coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(len(names), len(names)))
     count, label = connected_components(graph, directed=False)
-    made: list[tuple[list[str], list[int]]] = [([], []) for _ in range(count)]
+    groups: list[tuple[list[str], list[int]]] = [([], []) for _ in range(count)]
     for name, group in zip(names, label.tolist(), strict=True):
-        made[group][0].append(name)
-    for i, own in sides.items():
-        made[int(label[number[own[0]]])][1].append(i)
-    return made
+        groups[group][0].append(name)
+    for i, bodies in sides.items():
+        groups[int(label[number[bodies[0]]])][1].append(i)
+    return groups
 
 
 def _group(
     names: Sequence[str],
     bonded: Sequence[int],
     interfaces: tuple[Sequence[InterfaceUnit], Layout, Sequence[int]],
-    known: Mapping[str, tuple[SubstructureModel, Index, bytes]],
+    members: Mapping[str, tuple[SubstructureModel, Index, bytes]],
     bodies: Mapping[str, Body],
 ) -> BondGroup:
     """The group of these bodies and bonds; ``interfaces`` : all of them, their layout, and numbers of those left."""
     units, layout, remaining = interfaces
-    models = [known[name][0] for name in names]
+    models = [members[name][0] for name in names]
     where, n_full = consecutive({m.name: m.n_full for m in models})
-    trace = channel_trace([ModelClass([m], known[m.name][1][:, None]) for m in models], layout, where, n_full)
+    trace = channel_trace([ModelClass([m], members[m.name][1][:, None]) for m in models], layout, where, n_full)
     expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
     driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
     rows, weights, _ = joint_rows(units, layout, trace, Joints(tuple(bonded), (), ()))
-    made = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
+    elimination = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
     sides = [(i, side) for i, side, name in body_sides(units) if name in set(names) and i in set(remaining)]
     inner = tuple(i for i, side in sides if side == 1 and (i, 0) in set(sides))
     sides = [(i, side) for i, side in sides if side == 0 or i not in set(inner)]
@@ -260,13 +260,13 @@ def _group(
         mass=_diagonal([m.inertia for m in models]),
         damping=_damping(models, "damping"),
         stiffness=_diagonal([m.stiffness for m in models]),
-        expansion=sp.csr_array(expansion @ made.q_part),
+        expansion=sp.csr_array(expansion @ elimination.q_part),
         trace=sp.csr_array(sp.vstack(moved)),
         channel_area=layout.area[channels],
         loads=joined_loads(models, where, n_full),
         displacement=np.concatenate([m.displacement for m in models]),
         velocity=np.concatenate([m.velocity for m in models]),
-        imposed_pattern=driven + expansion @ made.driven,
+        imposed_pattern=driven + expansion @ elimination.driven,
         imposed_start=np.concatenate([m.imposed_start for m in models]),
         imposed_speed=_speeds(models),
         landing=_damping(models, "landing"),
@@ -277,7 +277,7 @@ def _group(
     mass, damping, stiffness = (list(part) for part in zip(*(m.reduced for m in models), strict=True))
     sizes = [m.shape[0] for m in mass]
     reduced = [
-        _eliminated_product(made.q_part, [_filled(m, n) for m, n in zip(part, sizes, strict=True)])
+        _eliminated_product(elimination.q_part, [_filled(m, n) for m, n in zip(part, sizes, strict=True)])
         for part in (mass, damping, stiffness)
     ]
     none = all(c is None for c in damping)
@@ -285,7 +285,7 @@ def _group(
     model.__dict__["reduced_stiffness"] = model.__dict__["stiffness_by_nodes"] = reduced[2]
     if any(rest.values()):
         parts = [share * m.reduced_stiffness for m, share in zip(models, rest.values(), strict=True)]
-        model.__dict__["_unrelaxed"] = _eliminated_product(made.q_part, parts)
+        model.__dict__["_unrelaxed"] = _eliminated_product(elimination.q_part, parts)
     ordered(model, models, bodies)
     return BondGroup(models, tuple(bonded), inner, where, trace, model, channels, shares)
 
@@ -297,9 +297,9 @@ def _strength(branches: MaxwellBranches) -> float:
 
 def _scaled(models: Sequence[SubstructureModel], shares: Mapping[str, float]) -> sp.csr_array:
     """Stiffnesses of bodies times their shares as blocks of one."""
-    made = _diagonal([sp.csr_array(shares[m.name] * m.stiffness) for m in models])
-    made.eliminate_zeros()
-    return made
+    product = _diagonal([sp.csr_array(shares[m.name] * m.stiffness) for m in models])
+    product.eliminate_zeros()
+    return product
 
 
 def _filled(matrix: sp.csr_array | None, n: int) -> sp.csr_array:
@@ -314,10 +314,10 @@ def _diagonal(matrices: Sequence[sp.csr_array]) -> sp.csr_array:
 
 def _damping(models: Sequence[SubstructureModel], kind: str) -> sp.csr_array | None:
     """Damping of all, or its part of the contact layers; None where no body has any."""
-    own = [getattr(m, kind) for m in models]
-    if all(matrix is None for matrix in own):
+    matrices = [getattr(m, kind) for m in models]
+    if all(matrix is None for matrix in matrices):
         return None
-    return _diagonal([_filled(matrix, m.n_full) for matrix, m in zip(own, models, strict=True)])
+    return _diagonal([_filled(matrix, m.n_full) for matrix, m in zip(matrices, models, strict=True)])
 
 
 def _eliminated_product(q_part: sp.csr_array, matrices: Sequence[sp.csr_array]) -> sp.csr_array:
@@ -332,32 +332,32 @@ def _speeds(models: Sequence[SubstructureModel]) -> Array | None:
     """Velocities of the prescribed motions at the start; None where no body says any."""
     if all(m.imposed_speed is None for m in models):
         return None
-    known = [(m.imposed_start, m.imposed_speed) for m in models]
-    return np.concatenate([np.zeros_like(start) if speed is None else speed for start, speed in known])
+    pairs = [(m.imposed_start, m.imposed_speed) for m in models]
+    return np.concatenate([np.zeros_like(start) if speed is None else speed for start, speed in pairs])
 
 
-def _renumbered(layout: Layout, own: Layout, remaining: Sequence[int]) -> Index:
-    """Flat index in ``own`` of every channel of all interfaces; -1 of those that are eliminated."""
+def _renumbered(layout: Layout, outer: Layout, remaining: Sequence[int]) -> Index:
+    """Flat index in ``outer`` of every channel of all interfaces; -1 of those that are eliminated."""
     into = np.full(layout.n_flat, -1, dtype=np.int64)
     for j, i in enumerate(remaining):
         for side in (0, 1):
-            into[layout.channels(i, side)] = own.channels(j, side)
+            into[layout.channels(i, side)] = outer.channels(j, side)
     return into
 
 
 def _without(c: ModelClass, grouped: set[str], into: Index) -> ModelClass | None:
     """A class without the bodies in groups, its channels renumbered; None where none is left."""
-    kept = [j for j, m in enumerate(c.members) if m.name not in grouped]
-    if not kept:
+    rest = [j for j, m in enumerate(c.members) if m.name not in grouped]
+    if not rest:
         return None
-    return ModelClass([c.members[j] for j in kept], into[c.channels[:, kept]], key=c.key)
+    return ModelClass([c.members[j] for j in rest], into[c.channels[:, rest]], key=c.key)
 
 
-def _key(group: BondGroup, known: Mapping[str, tuple[SubstructureModel, Index, bytes]]) -> bytes:
+def _key(group: BondGroup, members: Mapping[str, tuple[SubstructureModel, Index, bytes]]) -> bytes:
     """Equal for groups whose operators are equal: of equal bodies in their order, with equal bonds and traces."""
     digest, model = hashlib.sha256(), group.model
     for member in group.models:
-        digest.update(known[member.name][2])
+        digest.update(members[member.name][2])
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
         for part in (matrix.indptr, matrix.indices):

@@ -91,8 +91,8 @@ class BondRecovery:
     def _amplitudes(self, now: slice) -> Array:
         """Of the loads of all bodies (1 + n_load, n): none in front."""
         places = {name: (p, j) for p in self._bodies.propagators for j, name in enumerate(p.names)}
-        own = [places[m.name] for m in self._group.models]
-        parts = [amplitude[now] for p, j in own for amplitude in p.forcing.amplitudes[j]]
+        members = [places[m.name] for m in self._group.models]
+        parts = [amplitude[now] for p, j in members for amplitude in p.forcing.amplitudes[j]]
         return np.stack([np.zeros(now.stop - now.start), *parts])
 
     def fields(self, values: Array, f_hat: Array, now: slice) -> tuple[Array, Array]:
@@ -102,10 +102,10 @@ class BondRecovery:
         u, v, a = (np.ascontiguousarray(values[:, kind].T) for kind in range(3))
         x = self._k @ u + self._c @ v - self._loads @ self._amplitudes(now) - self._on @ f_hat[:, self._others].T
         x = x if values.shape[1] == STRAIN else x + self._strained @ values[:, STRAIN].T
-        made = self._forces.carried(self._carried(np.asarray(x), np.asarray(self._m @ a), now.start == 0))
+        forces = self._forces.carried(self._carried(np.asarray(x), np.asarray(self._m @ a), now.start == 0))
         tractions = []
         for i in self._group.bonded:
-            traction = made[i]
+            traction = forces[i]
             if now.start == 0 and self._bodies.interfaces[i].name in self._start:
                 traction[0] = self._start[self._bodies.interfaces[i].name].ravel()
             tractions += [traction, -traction]
@@ -117,19 +117,19 @@ class BondRecovery:
         before, rows = self.memory[:2, : len(x)], len(x)
         (a_m, a_f), w, memory = scheme.old_weights, scheme.force_weight, scheme.memory_weight
         if a_m == a_f == 0.0:
-            made, residual = np.empty_like(x), before[0].copy()
+            forces, residual = np.empty_like(x), before[0].copy()
             for t in range(n):
                 start = first and t == 0
                 residual = inertia[:, t] if start else (inertia[:, t] + memory * residual) / w
-                made[:, t] = x[:, t] + residual
+                forces[:, t] = x[:, t] + residual
             self.memory[0, :rows] = residual
-            return made
+            return forces
         old_x, old_inertia = (np.column_stack([b, m[:, :-1]]) for b, m in zip(before, (x, inertia), strict=True))
-        made = w * x + a_f * old_x + (1.0 - a_m) * inertia + a_m * old_inertia
+        forces = w * x + a_f * old_x + (1.0 - a_m) * inertia + a_m * old_inertia
         if first:
-            made[:, 0] = x[:, 0] + inertia[:, 0]
+            forces[:, 0] = x[:, 0] + inertia[:, 0]
         self.memory[0, :rows], self.memory[1, :rows] = x[:, -1], inertia[:, -1]
-        return made
+        return forces
 
     def _velocities(self, u: Array, v: Array, first: bool) -> Array:
         """Velocities (n, k) of the channels as the interfaces of the scheme have them."""
@@ -161,8 +161,8 @@ class BondedRecorder(Recorder):
             self._series["energy"] = {**terms, "drift": np.zeros(n_time)}
         self._members = {name: (p, j) for p in self._bodies.propagators for j, name in enumerate(p.names)}
         self._recoveries = {g.model.name: BondRecovery(g, self._bodies, start) for g in self._grouped.groups}
-        layout, own = self._bodies.layout, self._assembly.layout
-        self._own, self._all = self._grouped.pairs(own, layout)
+        layout, outer = self._bodies.layout, self._assembly.layout
+        self._own, self._all = self._grouped.pairs(outer, layout)
         self._points = self._point_pairs()
         self._shares = {name: share for group in self._grouped.groups for name, share in group.shares.items()}
 
@@ -182,14 +182,14 @@ class BondedRecorder(Recorder):
     def probes(self, assembly: Assembly, fields: bool) -> Probes | None:
         """Rows of the substructures of the march for what is kept of the bodies."""
         places = {name: MotionRows(name, _selected(r.near, self._group(name))) for name, r in self._recoveries.items()}
-        made: dict[str, FacePlace] = {f"{_BONDS} {name}": place for name, place in places.items()}
+        faces: dict[str, FacePlace] = {f"{_BONDS} {name}": place for name, place in places.items()}
         massless = set[str]()
         for key in SERIES:
             for name, place in self.request.places(key).items():
                 p, j = self._members[place.substructure]
                 model = p.members[j]
                 rows = place.full_rows(model, False)
-                made[f"{key} {name}"] = self._placed(place.substructure, sp.csr_array(rows))
+                faces[f"{key} {name}"] = self._placed(place.substructure, sp.csr_array(rows))
                 full = rows if model.nodal is None else rows @ model.nodal
                 moving = sp.csr_array(sp.csr_array(full) @ model.expansion)
                 if key == "motion" and moving[:, model.massless].nnz:
@@ -197,11 +197,11 @@ class BondedRecorder(Recorder):
         for i, side, name in body_sides(self._bodies.interfaces):
             trace = self._bodies.interfaces[i].geometry.traces[side]
             if i in self.rows.slide and trace is not None:
-                made[f"{_SLIDE} {i} {side}"] = self._placed(name, trace)
+                faces[f"{_SLIDE} {i} {side}"] = self._placed(name, trace)
         whole = fields and self._stored.wanted and small(assembly)
-        if not (whole or made):
+        if not (whole or faces):
             return None
-        probes = Probes(assembly, [], OutputRequest(faces=made), whole)
+        probes = Probes(assembly, [], OutputRequest(faces=faces), whole)
         probes.massless = massless
         return probes
 
@@ -226,8 +226,8 @@ class BondedRecorder(Recorder):
         f_hat[:, self._all] = image.field("history_f", image.rows, image.n_flat)[rows][:, self._own]
         w_hat[:, self._all] = image.field("history_w", image.rows, image.n_flat)[rows][:, self._own]
         gaps = np.zeros((n, sum(group.n_point for group in layout.groups)))
-        own = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
-        gaps[:, self._points[1]] = own[:, self._points[0]]
+        outer_gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+        gaps[:, self._points[1]] = outer_gaps[:, self._points[0]]
         places = {} if probes is None else probes.places["path"]
         values = {} if probes is None else {k: probes.values(image, p, rows, now) for k, p in places.items()}
         for name, recovery in self._recoveries.items():
@@ -243,8 +243,8 @@ class BondedRecorder(Recorder):
         for i in self.rows.slide:
             slides[i] = np.zeros((n, 2, self._bodies.interfaces[i].geometry.n_point, 3))
             for side in (0, 1):
-                if (known := values.get(f"{_SLIDE} {i} {side}")) is not None:
-                    slides[i][:, side] = known[:, 1].reshape(n, -1, 3)
+                if (series := values.get(f"{_SLIDE} {i} {side}")) is not None:
+                    slides[i][:, side] = series[:, 1].reshape(n, -1, 3)
                 else:
                     slides[i][:, side] = self._bodies.ground.velocity[i][now][:, None]
         fields = f_hat, w_hat, gaps

@@ -53,8 +53,8 @@ def grouped_assembly(discretised: DiscretisedProblem, restricted: bool) -> tuple
     words where the scene asks for that, or has no bonds. ``restricted`` : whether the caller takes laws of its own,
     derivatives, several processes, or looks at iterates."""
     scene, units = discretised.scene, discretised.units
-    given = scene.solver.bonds == "iterate" or scene.time.quasi_static or discretised.scheme.explicit
-    if given or not any(bonds(unit.behaviour) for unit in units):
+    iterated = scene.solver.bonds == "iterate" or scene.time.quasi_static or discretised.scheme.explicit
+    if iterated or not any(bonds(unit.behaviour) for unit in units):
         return None, ""
     if chosen_propagators(scene, discretised.classes)[0].kind != "direct":
         return None, ""
@@ -88,16 +88,16 @@ def bonded_problem(
     grouped = grouped if start is None else grouped.displaced(start)
     grouped.check_start(discretised.units, discretised.layout)
     _, bodies, timeline = standing_bodies(discretised, start, discretised.scheme)
-    layout, own = bodies.layout, grouped.layout
-    here, there = grouped.pairs(own, layout)
-    impedance = np.zeros(own.n_flat)
+    layout, outer = bodies.layout, grouped.layout
+    here, there = grouped.pairs(outer, layout)
+    impedance = np.zeros(outer.n_flat)
     impedance[here] = discretised.impedance[there]
     # relative motions have both sides in series
     for i in (i for group in grouped.groups for i in group.inner):
-        sides = [own.channels(grouped.remaining.index(i), side) for side in (0, 1)]
+        sides = [outer.channels(grouped.remaining.index(i), side) for side in (0, 1)]
         first, second = (impedance[channels] for channels in sides)
         impedance[sides[0]], impedance[sides[1]] = first * second / (first + second), 0.0
-    assembly, remarks = discretised.assembled(grouped.classes, grouped.units, own, impedance)
+    assembly, remarks = discretised.assembled(grouped.classes, grouped.units, outer, impedance)
     if start is not None:
         start.hand_over(assembly)
     models = {group.model.name: group for group in grouped.groups}

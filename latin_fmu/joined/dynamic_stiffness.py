@@ -64,8 +64,8 @@ def strained_bodies(
             block = sp.coo_array(model.stiffness)
             place = tuple(index + where[name].start for index in block.coords)
             placed = sp.csr_array(sp.coo_array((block.data, place), shape=(n, n)))
-            known = groups.get(model.branches)
-            groups[model.branches] = placed if known is None else sp.csr_array(known + placed)
+            total = groups.get(model.branches)
+            groups[model.branches] = placed if total is None else sp.csr_array(total + placed)
     return tuple(BranchedStiffness(branches, stiffness) for branches, stiffness in groups.items())
 
 

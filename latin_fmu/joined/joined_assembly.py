@@ -82,10 +82,10 @@ class JoinedAssembly:
         relaxing, grounded = list[BranchedStiffness](), list[BranchedStiffness]()
         to_ground = sp.csr_array((parts.n, parts.n))
         for unit in discretised.units:
-            kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
+            joint, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
             if unit.name in pressed and unit.behaviour.opens and discretised.scene.bolt:
                 remark += " when the bolts are tight"
-            rows += [] if kept is None else [kept]
+            rows += [] if joint is None else [joint]
             springs += [] if stiffness is None else [stiffness]
             to_ground = to_ground if stiffness is None or not unit.against_ground else to_ground + stiffness
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
@@ -100,13 +100,13 @@ class JoinedAssembly:
             # g g^T / k: bolts without tension let their shanks slide
             springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
         stiffness = sum(springs, parts.stiffness)
-        expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
+        expansion, constraints = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
         k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
         # constraints that could not be eliminated are springs, far stiffer than the bodies
-        if left.shape[0]:
+        if constraints.shape[0]:
             weight = _STIFF * float(k.diagonal().max())
-            k = sp.csr_array(k + weight * (left.T @ left))
-        vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if left.shape[0] else None)
+            k = sp.csr_array(k + weight * (constraints.T @ constraints))
+        vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if constraints.shape[0] else None)
         damping, strained = sum(dashpots, parts.damping), (*parts.strained, *relaxing)
         return JoinedAssembly(
             discretised, parts, vibration, expansion, damping, strained, tuple(remarks), to_ground, tuple(grounded)
@@ -149,11 +149,11 @@ class JoinedAssembly:
         forces = np.zeros(self.parts.n)
         for name, model in self.parts.models.items():
             if model.modal_rows is not None:
-                own = self.parts.where[name]
-                rates = model.modal_rows @ full[own]
+                part = self.parts.where[name]
+                rates = model.modal_rows @ full[part]
                 # of rigid motions: round-off
-                size = np.linalg.norm(model.modal_rows) * np.linalg.norm(full[own])
-                forces[own] = model.modal_rows.T @ np.where(np.abs(rates) > _UNMOVED * size, rates, 0.0)
+                size = np.linalg.norm(model.modal_rows) * np.linalg.norm(full[part])
+                forces[part] = model.modal_rows.T @ np.where(np.abs(rates) > _UNMOVED * size, rates, 0.0)
         return forces
 
     def nearly_closed(self, pressed: Mapping[str, np.ndarray], state: InitialState | None) -> dict[str, Array]:
@@ -327,8 +327,8 @@ def _shift(discretised: DiscretisedProblem, parts: Parts) -> float:
     # point masses slow light bodies down
     x = slice(0, None, 3)
     added = sum(float(body.added.matrix[x, x].sum()) for body in bodies if body.added is not None)
-    own = max(1.0 - added / parts.total_mass, 1e-12)
-    return float(own * (2 * np.pi * _SLOWEST * slowest / np.ptp(places, axis=0).max()) ** 2)
+    share = max(1.0 - added / parts.total_mass, 1e-12)
+    return float(share * (2 * np.pi * _SLOWEST * slowest / np.ptp(places, axis=0).max()) ** 2)
 
 
 def _lowest(vibration: Vibration, count: int) -> tuple[Array, Array, int]:

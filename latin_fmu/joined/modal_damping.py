@@ -229,20 +229,20 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     without mass move otherwise than the consistent mass makes them.
     """
     vibration = modes.vibration
-    given = modes.vectors
+    vectors = modes.vectors
     n_rigid = modes.n_rigid
     moved = sp.csr_array(modes.expansion.T @ mass @ modes.expansion)
-    change = (moved - vibration.mass) @ given
+    change = (moved - vibration.mass) @ vectors
     # no node has lost its mass: the modes are those of the scheme
-    if np.abs(change).max(initial=0.0) <= _SAME * np.abs(vibration.mass @ given).max(initial=0.0):
-        return modes.omega, given
-    basis, last = given, given[:, n_rigid:]
+    if np.abs(change).max(initial=0.0) <= _SAME * np.abs(vibration.mass @ vectors).max(initial=0.0):
+        return modes.omega, vectors
+    basis, last = vectors, vectors[:, n_rigid:]
     for _ in range(_ROUNDS):
-        response = vibration.static(given[:, :n_rigid], moved @ last)
+        response = vibration.static(vectors[:, :n_rigid], moved @ last)
         added = response - basis @ (basis.T @ (vibration.mass @ response))
         squares, directions = la.eigh(added.T @ (vibration.mass @ added))
-        kept = squares > _SAME * _squares(vibration.mass, response).max(initial=0.0)
-        last = added @ (directions[:, kept] / np.sqrt(squares[kept]))
+        independent = squares > _SAME * _squares(vibration.mass, response).max(initial=0.0)
+        last = added @ (directions[:, independent] / np.sqrt(squares[independent]))
         basis = np.hstack([basis, last])
     # the shapes of massless nodes alone have no frequency: the shifted stiffness stands in the place of the mass
     mass_of, stiffness_of = (basis.T @ (matrix @ basis) for matrix in (moved, vibration.stiffness))
@@ -250,7 +250,7 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     moves = inverse > _SAME * inverse.max(initial=0.0)
     inverse, inside = inverse[moves], inside[:, moves]
     # of the combinations found that which each given mode is most like
-    shares = (given.T @ (vibration.mass @ (basis @ inside))) ** 2 / np.square(inside).sum(axis=0)
+    shares = (vectors.T @ (vibration.mass @ (basis @ inside))) ** 2 / np.square(inside).sum(axis=0)
     closest = np.argmax(shares, axis=1)
     omega = np.sqrt(np.maximum(1 / inverse[closest] - vibration.shift, 0.0))
     omega[:n_rigid] = 0.0  # what the shift leaves is round-off
@@ -289,20 +289,20 @@ def _lower_scheme(scene: Scene, scheme: TimeScheme, dt: float, omega: float) -> 
     words = f"that of the scheme falls with {power}"
     parts = next((n for n in _PARTS if scheme_damping(scheme, omega, dt / n) <= LIMIT), None)
     if parts is not None:
-        given = scene.time.step is not None
-        key = f"time.step = {dt / parts:.12g}" if given else f"time.instants = {parts * scene.time.n_step}"
-        left = _percent(scheme_damping(scheme, omega, dt / parts))
-        words += f" ({key} leaves {left}, with {parts} times as many steps)"
+        by_step = scene.time.step is not None
+        key = f"time.step = {dt / parts:.12g}" if by_step else f"time.instants = {parts * scene.time.n_step}"
+        ratio = _percent(scheme_damping(scheme, omega, dt / parts))
+        words += f" ({key} leaves {ratio}, with {parts} times as many steps)"
     if isinstance(scheme, GeneralizedAlpha):
         undamped = _keys(scene, scheme.landing_damping, 1.0)
         return f"{words}, and {undamped} has none, and damps nothing that the step does not resolve"
     if scheme.name != "hht":
         return f'{words}, and time.scheme = "hht" leaves {_percent(scheme_damping(HHT(), omega, dt))}'
     if isinstance(scene.solver.propagator, ReducedPropagatorTable):
-        left = _percent(scheme_damping(HHT(-0.01), omega, dt))
-        return f'{words}, and time.scheme = {{type = "hht", alpha = -0.01}} leaves {left}, and less damping of noise'
-    left = _percent(scheme_damping(GeneralizedAlpha(), omega, dt))
-    return f"{words}, and {_keys(scene, 0.0)} leaves {left}, but shifts frequencies: contact nodes have no mass"
+        ratio = _percent(scheme_damping(HHT(-0.01), omega, dt))
+        return f'{words}, and time.scheme = {{type = "hht", alpha = -0.01}} leaves {ratio}, and less damping of noise'
+    ratio = _percent(scheme_damping(GeneralizedAlpha(), omega, dt))
+    return f"{words}, and {_keys(scene, 0.0)} leaves {ratio}, but shifts frequencies: contact nodes have no mass"
 
 
 def _lower_layer(scene: Scene, dt: float, omega: float, of_scheme: float) -> str:
@@ -318,8 +318,8 @@ def _lower_layer(scene: Scene, dt: float, omega: float, of_scheme: float) -> str
 def _keys(scene: Scene, landing_damping: float, rho_inf: float | None = None) -> str:
     """The time scheme generalized_alpha as a scene has it, its spectral radius that of the scene where None."""
     table = scene.time.scheme
-    own = table.rho_inf if isinstance(table, GeneralizedAlphaTable) else GeneralizedAlphaTable().rho_inf
-    rho = own if rho_inf is None else rho_inf
+    default = table.rho_inf if isinstance(table, GeneralizedAlphaTable) else GeneralizedAlphaTable().rho_inf
+    rho = default if rho_inf is None else rho_inf
     radius = "" if rho == GeneralizedAlphaTable().rho_inf else f"rho_inf = {rho:g}, "
     return f'time.scheme = {{type = "generalized_alpha", {radius}landing_damping = {landing_damping:g}}}'
 

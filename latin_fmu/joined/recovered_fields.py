@@ -47,8 +47,8 @@ def compressed(histories: Array) -> Array:
     size = np.linalg.norm(rest, axis=1).max(initial=0.0)
     random = np.random.default_rng(0)  # the same shapes every time
     while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
-        known = sum(shape.shape[1] for shape in found)
-        count = min(_BLOCK, min(histories.shape) - known)
+        rank = sum(shape.shape[1] for shape in found)
+        count = min(_BLOCK, min(histories.shape) - rank)
         if count <= 0:
             break
         mixed = rest.T @ random.normal(size=(len(rest), count))
@@ -60,9 +60,9 @@ def compressed(histories: Array) -> Array:
     shapes = np.hstack([np.zeros((histories.shape[1], 0)), *found])
     if not shapes.shape[1]:
         return shapes
-    left, sizes, turn = la.svd(histories @ shapes, full_matrices=False)
+    weights, sizes, turn = la.svd(histories @ shapes, full_matrices=False)
     # of each history, what the shapes from each one on hold, and what none does
-    shares = np.cumsum((left * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + (rest**2).sum(axis=1)[:, None]
+    shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + (rest**2).sum(axis=1)[:, None]
     count = int((shares.max(axis=0) > (_EXACT * size) ** 2).sum())
     return np.asarray(shapes @ turn[:count].T)
 
@@ -109,17 +109,17 @@ class Motions:
         m = reduced.n_mode
         loads = reduced.static_loads
         end = m + relative.shape[1]
-        made = np.empty((len(driven), end + loads.shape[1] + driven.shape[1]))
-        made[:, :first] = of_free @ reduced.rigid
-        made[:, first:m] = of_free @ (reduced.elastic * reduced.marched.p)
+        shapes = np.empty((len(driven), end + loads.shape[1] + driven.shape[1]))
+        shapes[:, :first] = of_free @ reduced.rigid
+        shapes[:, first:m] = of_free @ (reduced.elastic * reduced.marched.p)
         for at in range(0, relative.shape[1], _COLUMNS):
             part = relative[:, at : at + _COLUMNS]
             static = reduced.solver.solve(-np.asarray(reduced.coupling @ part))
             static -= reduced.rigid @ (reduced.rigid_share @ part)
-            made[:, m + at : m + at + part.shape[1]] = of_free @ static + of_relative @ part
-        made[:, end : end + loads.shape[1]] = of_free @ loads
-        made[:, end + loads.shape[1] :] = driven
-        return made
+            shapes[:, m + at : m + at + part.shape[1]] = of_free @ static + of_relative @ part
+        shapes[:, end : end + loads.shape[1]] = of_free @ loads
+        shapes[:, end + loads.shape[1] :] = driven
+        return shapes
 
     @cached_property
     def amplitudes(self) -> Array:
@@ -132,13 +132,13 @@ class Motions:
         static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
         shapes, relative = self._relative
         of_relative = (reduced.marched_gamma @ shapes).T
-        made = []
+        rows = []
         for kind in range(3):
             # modes beyond what relative motions and loads make of them at rest; loads have no inertia of their own
-            own, load = self.modes[:, kind].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
-            own[:, first:] -= relative[kind] @ of_relative + load @ static
-            made.append(np.hstack([own, relative[kind], load, drives.motions[kind, :, :n_time].T]))
-        return np.stack(made)
+            modal, load = self.modes[:, kind].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
+            modal[:, first:] -= relative[kind] @ of_relative + load @ static
+            rows.append(np.hstack([modal, relative[kind], load, drives.motions[kind, :, :n_time].T]))
+        return np.stack(rows)
 
     def of(self, rows: sp.csr_array | Array, kind: int) -> Array:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
@@ -162,10 +162,10 @@ class Motions:
 
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
         """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
-        own = sp.csr_array(rows)
+        matrix = sp.csr_array(rows)
         where = self.march.tied.where[name]
-        shape = own.shape[0], self.shapes.shape[0]
-        return sp.csr_array((own.data, own.indices + where.start, own.indptr), shape=shape)
+        shape = matrix.shape[0], self.shapes.shape[0]
+        return sp.csr_array((matrix.data, matrix.indices + where.start, matrix.indptr), shape=shape)
 
     @cached_property
     def _strains(self) -> dict[MaxwellBranches, Array]:
@@ -197,14 +197,14 @@ class Motions:
         for model in tied.models:
             where = tied.where[model.name]
             here = (rows >= where.start) & (rows < where.stop)
-            own = rows[here] - where.start
-            if not len(own):
+            dofs = rows[here] - where.start
+            if not len(dofs):
                 continue
             shapes, (u, v, a) = self.shapes[where], self.amplitudes
-            total = (model.stiffness[own] @ shapes) @ (u + self.strains(model)).T
-            total += (model.inertia[own] @ shapes) @ a.T
+            total = (model.stiffness[dofs] @ shapes) @ (u + self.strains(model)).T
+            total += (model.inertia[dofs] @ shapes) @ a.T
             if model.damping is not None:
-                total += (model.damping[own] @ shapes) @ v.T
+                total += (model.damping[dofs] @ shapes) @ v.T
             out[here] = total
         # those of the scene alone: driven faces enter by the motion itself
         n_load = drives.forces.shape[1] - 3 * drives.shapes.shape[1]
@@ -232,14 +232,14 @@ class Motions:
         bonds = BondForces(bonded, layout, tied.trace, expansion)
         internal = self.internal_forces()
         rows = self._bonded_dofs
-        made: dict[int, list[Array]] = {i: [] for i in bonded}
+        tractions: dict[int, list[Array]] = {i: [] for i in bonded}
         for at in range(0, internal.shape[1], _INSTANTS):
             part = slice(at, at + _INSTANTS)
             forces = -others(part)
             forces[rows] += internal[:, part]
             for i, traction in bonds.tractions(forces).items():
-                made[i].append(traction)
-        return {i: np.concatenate(parts) for i, parts in made.items()}
+                tractions[i].append(traction)
+        return {i: np.concatenate(parts) for i, parts in tractions.items()}
 
 
 class RecoveredRecorder(Recorder):
@@ -247,19 +247,19 @@ class RecoveredRecorder(Recorder):
 
     Parameters
     ----------
-    march : the reduced assembly, at the end of its march. kept : what was recorded of it. request, info : as for a
+    march : the reduced assembly, at the end of its march. recorder : what was recorded of it. request, info : as for a
     ``Recorder``.
     """
 
     def __init__(
-        self, march: ReducedMarch, kept: Recorder, request: OutputRequest, info: dict[str, SubstructureInfo]
+        self, march: ReducedMarch, recorder: Recorder, request: OutputRequest, info: dict[str, SubstructureInfo]
     ) -> None:
         give_back_memory()  # of the march
         super().__init__(march.bodies, request, info)
-        self.n_kept = n = kept.n_kept
-        self._march, self._motions = march, self._motions_of(march, kept.series("path"))
-        inner, assembly = kept.rows, march.bodies
-        layout, own = assembly.layout, march.assembly.layout
+        self.n_kept = n = recorder.n_kept
+        self._march, self._motions = march, self._motions_of(march, recorder.series("path"))
+        inner, assembly = recorder.rows, march.bodies
+        layout, inner_layout = assembly.layout, march.assembly.layout
         tied = march.tied
         rows = self.rows
         flat_f, flat_w = rows.f_hat[:n], rows.w_hat[:n]
@@ -267,12 +267,12 @@ class RecoveredRecorder(Recorder):
         self._ground(flat_w)
         for j, i in enumerate(march.units):
             first, second = (layout.channels(i, side) for side in (0, 1))
-            near, far = (own.channels(j, side) for side in (0, 1))
+            near, far = (inner_layout.channels(j, side) for side in (0, 1))
             flat_f[:, first], flat_f[:, second] = inner.f_hat[:n][:, near], inner.f_hat[:n][:, far]
             # what the law says of the sides: the motion of E as it is, of E' relative to it
             flat_w[:, second] = flat_w[:, first] - (inner.w_hat[:n][:, near] - inner.w_hat[:n][:, far])
-            group, inner_group = layout.group(i), own.group(j)
-            g, h = layout.groups.index(group), own.groups.index(inner_group)
+            group, inner_group = layout.group(i), inner_layout.group(j)
+            g, h = layout.groups.index(group), inner_layout.groups.index(inner_group)
             if g in rows.gaps:
                 own_gaps = inner.gaps[h][:n, inner_group.members[j]]
                 opening = inner.w_hat[1:n][:, far[:, 0]] - inner.w_hat[1:n][:, near[:, 0]]
@@ -287,9 +287,9 @@ class RecoveredRecorder(Recorder):
         self._read_series(n)
         self._keep_fields()
         self._keep_stresses()
-        self._energy = self._whole_energy(kept) if request.energy else np.zeros((n, N_TERM))
+        self._energy = self._whole_energy(recorder) if request.energy else np.zeros((n, N_TERM))
         if request.energy:
-            self._series["energy"]["drift"][:n] = kept.series("energy")["drift"]
+            self._series["energy"]["drift"][:n] = recorder.series("energy")["drift"]
         self._leave(n)
         del self._motions  # shapes of all bodies: a march for the estimate of the error may follow
 
@@ -297,10 +297,10 @@ class RecoveredRecorder(Recorder):
         """Motion of the bodies by the histories of the dofs of the march."""
         return Motions(march, histories[NAME], histories[RELATIVE][:, 0])
 
-    def _gaps_of(self, kept: Array, opening: Array) -> Array:
+    def _gaps_of(self, gaps: Array, opening: Array) -> Array:
         """Gaps (n_time, n_point) by those kept, and velocities of opening of the law (n_time - 1, n_point)."""
         # as the law has moved the sides: the scheme of the march adds up their velocities
-        return np.cumsum(np.concatenate([kept[:1], opening * self._march.bodies.dt]), axis=0)
+        return np.cumsum(np.concatenate([gaps[:1], opening * self._march.bodies.dt]), axis=0)
 
     def _ground(self, flat: Array) -> None:
         """Velocities of the ground."""
@@ -317,10 +317,10 @@ class RecoveredRecorder(Recorder):
             group, channels = layout.group(i), layout.channels(i, 0)
             # of E' over E, as laws take it
             jump = -self._motions.of(jump_rows(layout, tied.trace, i), 0).reshape(n, *channels.shape)
-            parameters, held = group.parameters[group.members[i]], np.zeros((len(channels), 2))
+            parameters, rest = group.parameters[group.members[i]], np.zeros((len(channels), 2))
             law = march.bodies.interfaces[i].behaviour
             for t in range(n):
-                traction = law.local(np.zeros_like(jump[t]), held, jump[t], 1.0, parameters)
+                traction = law.local(np.zeros_like(jump[t]), rest, jump[t], 1.0, parameters)
                 flat_f[t, channels], flat_f[t, layout.channels(i, 1)] = traction, -traction
 
     def _slide(self) -> None:
@@ -336,8 +336,8 @@ class RecoveredRecorder(Recorder):
                     continue
                 name = face.split(".")[0]
                 nodal = models[name].nodal
-                own = trace if nodal is None else sp.csr_array(trace @ nodal)
-                moved = self._motions.of(self._motions.placed(name, own), 1)
+                motion = trace if nodal is None else sp.csr_array(trace @ nodal)
+                moved = self._motions.of(self._motions.placed(name, motion), 1)
                 slide[:n, side] = moved.reshape(n, -1, 3)
 
     def _read_series(self, n: int) -> None:
@@ -382,11 +382,11 @@ class RecoveredRecorder(Recorder):
                 self.stresses.look_at(name, self._nodes(name, 0, instants), instants, times)
 
     # -- energies --------------------------------------------------------------------------------------------------
-    def _whole_energy(self, kept: Recorder) -> Array:
+    def _whole_energy(self, recorder: Recorder) -> Array:
         """Energies (n, N_TERM) of the assembly: those of the march, and of the motion B d and the static responses to
         the loads, which it is relative to."""
         march, n = self._march, self.n_kept
-        tables: Mapping[Any, Array] = kept.series("energy")
+        tables: Mapping[Any, Array] = recorder.series("energy")
         terms = tables[0][:, :, 0].copy()  # by number of the class
         drives, reduced = march.drives, march.reduced
         moved = drives.shapes.shape[1]
@@ -421,11 +421,11 @@ class RecoveredRecorder(Recorder):
         first = reduced.rigid.shape[1]
         m = reduced.n_mode
         free = reduced.tied.n_free
-        own = reduced.forces[:free, :n_load].T @ reduced.static_loads[:, :n_load]
+        flexibility = reduced.forces[:free, :n_load].T @ reduced.static_loads[:, :n_load]
         modes = reduced.drives[first:m, :n_load]
-        own = own - modes.T @ (modes / reduced.marched.values[:, None])
+        flexibility = flexibility - modes.T @ (modes / reduced.marched.values[:, None])
         a = drives.amplitudes[:n_load, :n].T
-        return np.asarray(0.5 * np.einsum("ti,ij,tj->t", a, own, a))
+        return np.asarray(0.5 * np.einsum("ti,ij,tj->t", a, flexibility, a))
 
     def _layer_energy(self) -> Array:
         """Energy (n,), J, of the springs between sides, which the march has among that of the bodies."""
@@ -451,6 +451,6 @@ class RecoveredRecorder(Recorder):
             fields, forcing = [], propagator.forcing
             propagator.instant = n - 1
             for full, imposed in ((u, forcing.imposed_u(n - 1)), (v, forcing.imposed_v(n - 1))):
-                own = np.stack([full[where[name]] for name in propagator.names], axis=1) - imposed
-                fields.append(closest_reduced(propagator.members[0].expansion, own))
+                motion = np.stack([full[where[name]] for name in propagator.names], axis=1) - imposed
+                fields.append(closest_reduced(propagator.members[0].expansion, motion))
             propagator.state.set(*fields)

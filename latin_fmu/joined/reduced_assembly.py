@@ -76,9 +76,9 @@ class StaticSolver:
     def __init__(self, tied: TiedAssembly, rigid: Array) -> None:
         n, size = tied.n_free, tied.n_relative
         self.rigid, self._pulled = rigid, np.asarray(tied.mass[:n, :n] @ rigid)
-        held = np.vstack([rigid, np.zeros((size, rigid.shape[1]))])
+        supports = np.vstack([rigid, np.zeros((size, rigid.shape[1]))])
         last: Index = np.arange(n, n + size, dtype=np.int64)
-        self._factor = InsideFactor(supported(tied.stiffness, held), last, tied.rank)
+        self._factor = InsideFactor(supported(tied.stiffness, supports), last, tied.rank)
         self.relative = self._factor.schur
         self._n_relative = size
 
@@ -99,9 +99,9 @@ def supported(stiffness: sp.csr_array, rigid: Array) -> sp.csr_array:
     _, _, order = la.qr(rigid.T, mode="economic", pivoting=True)
     springs = np.zeros(stiffness.shape[0])
     springs[order[: rigid.shape[1]]] = _SUPPORT * float(stiffness.diagonal().max())
-    made = sp.csr_array(stiffness + sp.diags_array(springs))
-    made.sort_indices()
-    return made
+    total = sp.csr_array(stiffness + sp.diags_array(springs))
+    total.sort_indices()
+    return total
 
 
 class DigitalModes(NamedTuple):
@@ -235,11 +235,11 @@ class ReducedAssembly:
     def drag(self) -> Array:
         """Part (n_mode, n_mode) of ``damping`` that does not come from strains: of media and dashpots at rest."""
         first = self.rigid.shape[1]
-        made = self.damping.copy()
+        rest = self.damping.copy()
         for name, viscosity in self.viscosities.items():
             if viscosity:
-                made[first:, first:] -= viscosity * self._stiffness_of(name)
-        return made
+                rest[first:, first:] -= viscosity * self._stiffness_of(name)
+        return rest
 
     def _stiffness_of(self, name: str) -> Array:
         """Phi^T K Phi (m, m) of a body in the elastic modes."""
@@ -255,9 +255,9 @@ class ReducedAssembly:
         values, damping = self.values.copy(), self.damping.diagonal()[first:].copy()
         strained = self._strained
         for i in range(len(values)) if strained else ():
-            own = [ProjectedStiffness(branches, stiffness[i : i + 1, None]) for branches, stiffness in strained]
+            strains = [ProjectedStiffness(branches, stiffness[i : i + 1, None]) for branches, stiffness in strained]
             one = np.ones(1, dtype=np.complex128)
-            s = pole_of(1j * np.sqrt(values[i]), one, values[i : i + 1], np.diag(damping[i : i + 1]), own)
+            s = pole_of(1j * np.sqrt(values[i]), one, values[i : i + 1], np.diag(damping[i : i + 1]), strains)
             values[i], damping[i] = abs(s) ** 2, -2.0 * s.real
         return values, damping
 
@@ -267,8 +267,8 @@ class ReducedAssembly:
         shares: dict[MaxwellBranches, Array] = {}
         for model in self.tied.models:
             if len(model.branches):
-                own = self._stiffness_of(model.name).diagonal()
-                shares[model.branches] = shares.get(model.branches, 0.0) + own
+                share = self._stiffness_of(model.name).diagonal()
+                shares[model.branches] = shares.get(model.branches, 0.0) + share
         return list(shares.items())
 
     @cached_property
@@ -344,10 +344,10 @@ class ReducedAssembly:
 
 def with_forces(reduced: ReducedAssembly, forces: Array) -> ReducedAssembly:
     """The same under loads (n_full, n_load), N for amplitude 1."""
-    made = replace(reduced, forces=np.asarray(reduced.tied.expansion.T @ forces))
+    other = replace(reduced, forces=np.asarray(reduced.tied.expansion.T @ forces))
     # what follows from matrices that may be gone
-    made.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES if name in reduced.__dict__})
-    return made
+    other.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES if name in reduced.__dict__})
+    return other
 
 
 def marched_rows(reduced: ReducedAssembly) -> Array:
@@ -389,12 +389,12 @@ def coarser(reduced: ReducedAssembly, dt: float, cutoff: float) -> ReducedAssemb
     some = reduced.values <= min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
     every = np.concatenate([np.ones(reduced.rigid.shape[1], dtype=bool), some])
     none = np.zeros((len(reduced.forces), 0))
-    made = replace(reduced, dt=dt, elastic=reduced.elastic[:, some], values=reduced.values[some], forces=none)
+    coarse = replace(reduced, dt=dt, elastic=reduced.elastic[:, some], values=reduced.values[some], forces=none)
     # what follows from matrices that may be gone
     of_modes = {name: getattr(reduced, name)[np.ix_(every, every)] for name in ("damping", "drag")}
     same = {name: getattr(reduced, name) for name in ("coupling", "rigid_share", "beyond")}
-    made.__dict__.update(of_modes | same | {"gamma": reduced.gamma[some]})
-    return made
+    coarse.__dict__.update(of_modes | same | {"gamma": reduced.gamma[some]})
+    return coarse
 
 
 def without_matrices(reduced: ReducedAssembly) -> ReducedAssembly:
@@ -403,10 +403,10 @@ def without_matrices(reduced: ReducedAssembly) -> ReducedAssembly:
     for name in _OF_MATRICES:
         getattr(reduced, name)
     none = sp.csr_array((0, 0))
-    made = replace(reduced, tied=replace(reduced.tied, stiffness=none, damping=none))
+    lean = replace(reduced, tied=replace(reduced.tied, stiffness=none, damping=none))
     fixed = {field.name for field in fields(reduced)}
-    made.__dict__.update({name: value for name, value in reduced.__dict__.items() if name not in fixed})
-    return made
+    lean.__dict__.update({name: value for name, value in reduced.__dict__.items() if name not in fixed})
+    return lean
 
 
 def lowest(

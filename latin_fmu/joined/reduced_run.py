@@ -167,13 +167,13 @@ class ReducedMarch:
         """The time scheme, and why."""
         return f"{self.assembly.scheme.name} (relative motions of contacts have no mass, modes keep their frequencies)"
 
-    def settings(self, given: SolverSettings) -> SolverSettings:
+    def settings(self, settings: SolverSettings) -> SolverSettings:
         """The rules of the iteration: the search direction is that of the compliance of all contacts together, and the
         work of an iterate's error is far below that of the modes left out."""
-        search = given.search_direction
+        search = settings.search_direction
         if search.kind == "automatic":
             search = replace(search, factor=_SEARCH * search.factor)
-        return replace(given, search_direction=search, newton=False, residual_alone=True, skip_unchanged=False)
+        return replace(settings, search_direction=search, newton=False, residual_alone=True, skip_unchanged=False)
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
@@ -283,22 +283,22 @@ def _ground_velocity(bodies: Assembly, i: int) -> Array:
 def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
     """Impedance (n_flat,) of the relative motions: traction of a point per velocity of its own in a step, others free;
     steps are longer than waves take through an element, and those of the materials say little."""
-    made = np.zeros(n_flat)
+    impedance = np.zeros(n_flat)
     admittance = propagator.operators.compliance.diagonal() * propagator.operators.area
-    made[channels] = np.divide(1.0, admittance, out=np.zeros_like(admittance), where=admittance > 0.0)
-    return made
+    impedance[channels] = np.divide(1.0, admittance, out=np.zeros_like(admittance), where=admittance > 0.0)
+    return impedance
 
 
 def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
     """Modes and relative motions (n,) at t = 0: displacements and velocities."""
-    made = []
+    state = []
     for kind, loads in ((0, drives.amplitudes[:, 0]), (1, np.zeros(len(drives.amplitudes)))):
-        own = np.concatenate([m.velocity if kind else m.displacement for m in tied.models])
-        full = own - drives.shapes @ drives.motions[kind, :, 0]
+        full_state = np.concatenate([m.velocity if kind else m.displacement for m in tied.models])
+        full = full_state - drives.shapes @ drives.motions[kind, :, 0]
         parts = [closest_reduced(m.expansion, full[tied.where[m.name], None])[:, 0] for m in tied.models]
         q, r = np.concatenate(parts)[tied.free], np.asarray(tied.jump @ full)
-        made.append(coordinates(reduced, q, r, loads))
-    return made[0], made[1]
+        state.append(coordinates(reduced, q, r, loads))
+    return state[0], state[1]
 
 
 def _patches(

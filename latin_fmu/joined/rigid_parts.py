@@ -89,12 +89,12 @@ class RigidParts:
         shares = whiten.T @ (beyond.T @ self.relative) @ whiten
         rows = whiten.T @ beyond.T
         marched = of_modes @ whiten
-        left, directions = la.eigh(0.5 * (shares + shares.T))
-        directions, left = directions[:, left > _LEFT], left[left > _LEFT]
+        moments, directions = la.eigh(0.5 * (shares + shares.T))
+        directions, moments = directions[:, moments > _LEFT], moments[moments > _LEFT]
         lacking = directions.T @ (np.eye(len(whiten.T)) - marched.T @ marched) @ directions
         squares, turned = la.eigh(lacking)
         root = (turned * np.sqrt(np.maximum(squares, 0.0))) @ turned.T
-        return RigidInertia((directions.T @ rows) / left[:, None], self.relative @ whiten @ directions, root)
+        return RigidInertia((directions.T @ rows) / moments[:, None], self.relative @ whiten @ directions, root)
 
 
 def _of_body(model: SubstructureModel) -> Array:
@@ -120,8 +120,8 @@ def _strains(tied: TiedAssembly, layout: Layout, motions: Array) -> Array:
     for model in tied.models:
         where = tied.where[model.name]
         moved = motions[where]
-        held = moved - model.expansion @ closest_reduced(model.expansion, moved)
-        factor = la.qr(np.vstack([factor, held, forces[where]]), mode="r")[0]
+        misfit = moved - model.expansion @ closest_reduced(model.expansion, moved)
+        factor = la.qr(np.vstack([factor, misfit, forces[where]]), mode="r")[0]
         factor = factor[: motions.shape[1]]
     for i in tied.joints.bonded:
         apart = jump_rows(layout, tied.trace, i) @ motions

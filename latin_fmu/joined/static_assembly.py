@@ -85,17 +85,17 @@ class StaticAssembly:
         free = np.arange(expansion.shape[1], dtype=np.int64)
         if bonded:
             rows, weights, _ = joint_rows(units, layout, trace, Joints(bonded, (), ()))
-            made = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
-            driven = driven + expansion @ made.driven
+            elimination = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
+            driven = driven + expansion @ elimination.driven
             expansion, stiffness = (
-                sp.csr_array(expansion @ made.q_part),
-                sp.csr_array(made.q_part.T @ stiffness @ made.q_part),
+                sp.csr_array(expansion @ elimination.q_part),
+                sp.csr_array(elimination.q_part.T @ stiffness @ elimination.q_part),
             )
-            free = made.free
+            free = elimination.free
         stiffness = sp.csr_array(stiffness)
         stiffness.sort_indices()
         against = [against_ground(units[i]) for i in relative]
-        own = Layout(against)
+        inner_layout = Layout(against)
         jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in relative)]
         jump = sp.csr_array(sp.vstack(jumps))
         channels = np.concatenate([np.zeros(0, dtype=np.int64), *(layout.channels(i, 0).ravel() for i in relative)])
@@ -121,7 +121,7 @@ class StaticAssembly:
         ordered(model, models, bodies)
         springs = point_springs(units, layout, bodies)[channels]
         return StaticAssembly(
-            models, where, model, free, trace, bonded, relative, against, own, springs, _key(classes, units)
+            models, where, model, free, trace, bonded, relative, against, inner_layout, springs, _key(classes, units)
         )
 
     @property
@@ -198,8 +198,8 @@ def point_springs(units: Sequence[InterfaceUnit], layout: Layout, bodies: Mappin
         first, second = layout.channels(i, 0), layout.channels(i, 1)
         both = softness[first] + softness[second]
         both = np.where(both > 0.0, both, 1.0 / stiffest)
-        own = 1.0 / (both * np.sqrt(unit.geometry.areas)[:, None])
-        springs[first] = springs[second] = _of_layer(unit, own)
+        stiffness = 1.0 / (both * np.sqrt(unit.geometry.areas)[:, None])
+        springs[first] = springs[second] = _of_layer(unit, stiffness)
     return springs
 
 

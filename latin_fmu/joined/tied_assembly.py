@@ -100,33 +100,33 @@ def eliminated(rows: sp.csr_array, moved: Array, weights: sp.csr_array) -> Elimi
     q_part, r_part = sp.csr_array(sp.eye_array(n)), sp.csr_array((n, weights.shape[1]))
     driven, free = np.zeros((n, moved.shape[1])), np.arange(n, dtype=np.int64)
     exists = np.ones(weights.shape[1], dtype=bool)
-    left = _without_round_off(rows)
-    while left.shape[0]:
-        filled = np.diff(left.indptr) > 0
+    matrix = _without_round_off(rows)
+    while matrix.shape[0]:
+        filled = np.diff(matrix.indptr) > 0
         exists[_without_motion(moved[~filled], sp.csr_array(weights[np.flatnonzero(~filled)]))] = False
-        kept = np.flatnonzero(filled)
-        left = sp.csr_array(left[kept])
-        moved = moved[kept]
-        weights = sp.csr_array(weights[kept])
-        if not len(kept):
+        full = np.flatnonzero(filled)
+        matrix = sp.csr_array(matrix[full])
+        moved = moved[full]
+        weights = sp.csr_array(weights[full])
+        if not len(full):
             break
-        own, chosen, inverse = _pivots(left)
-        first = sp.csr_array(left[own])
-        others = np.setdiff1d(np.arange(left.shape[1]), chosen)
+        pivots, chosen, inverse = _pivots(matrix)
+        first = sp.csr_array(matrix[pivots])
+        others = np.setdiff1d(np.arange(matrix.shape[1]), chosen)
         # dofs of this round by those that are left, r and d
         by_q = _without_round_off(-inverse @ first[:, others])
-        by_r, by_d = sp.csr_array(inverse @ weights[own]), -(inverse @ moved[own])
+        by_r, by_d = sp.csr_array(inverse @ weights[pivots]), -(inverse @ moved[pivots])
         of_chosen = sp.csr_array(q_part[:, chosen])
         q_part = sp.csr_array(q_part[:, others] + of_chosen @ by_q)
         r_part, driven = sp.csr_array(r_part + of_chosen @ by_r), driven + of_chosen @ by_d
         free = free[others]
         # rows that found no dof of their own, in terms of what is left
-        rest = np.setdiff1d(np.arange(left.shape[0]), own)
-        of_rest = sp.csr_array(left[rest])
+        rest = np.setdiff1d(np.arange(matrix.shape[0]), pivots)
+        of_rest = sp.csr_array(matrix[rest])
         on_chosen = sp.csr_array(of_rest[:, chosen])
         moved = moved[rest] + on_chosen @ by_d
         weights = _without_round_off(weights[rest] - on_chosen @ by_r)
-        left = _without_round_off(of_rest[:, others] + on_chosen @ by_q)
+        matrix = _without_round_off(of_rest[:, others] + on_chosen @ by_q)
     return Elimination(q_part, r_part, driven, free, exists)
 
 
@@ -156,25 +156,25 @@ def _pivots(rows: sp.csr_array) -> tuple[Index, Index, sp.csr_array]:
     with one entry choose first. Rows that do not go together choose anew, by elimination with pivoting, and those that
     depend on others find none.
     """
-    own, chosen = _greedy(rows)
+    pivots, chosen = _greedy(rows)
     for _ in range(_ROUNDS):
-        inverse, apart = _block_inverse(sp.csr_array(rows[own][:, chosen]))
+        inverse, apart = _block_inverse(sp.csr_array(rows[pivots][:, chosen]))
         if not len(apart):
-            return own, chosen, inverse
-        kept = np.ones(len(own), dtype=bool)
+            return pivots, chosen, inverse
+        regular = np.ones(len(pivots), dtype=bool)
         for places in apart:
-            kept[places] = False
-        made_own, made_chosen = [own[kept]], [chosen[kept]]
+            regular[places] = False
+        pivot_parts, chosen_parts = [pivots[regular]], [chosen[regular]]
         taken = np.zeros(rows.shape[1], dtype=bool)
-        taken[chosen[kept]] = True
+        taken[chosen[regular]] = True
         for places in apart:
-            some = rows[own[places]]
+            some = rows[pivots[places]]
             columns = np.setdiff1d(some.indices, np.flatnonzero(taken))
             independent, picked = _independent(some[:, columns].toarray())
             taken[columns[picked]] = True
-            made_own.append(own[places][independent])
-            made_chosen.append(columns[picked].astype(np.int64))
-        own, chosen = np.concatenate(made_own), np.concatenate(made_chosen)
+            pivot_parts.append(pivots[places][independent])
+            chosen_parts.append(columns[picked].astype(np.int64))
+        pivots, chosen = np.concatenate(pivot_parts), np.concatenate(chosen_parts)
     raise TieError("interfaces that hold the same nodes many times over")
 
 
@@ -191,7 +191,7 @@ def _independent(rows: Array) -> tuple[Index, Index]:
 def _greedy(rows: sp.csr_array) -> tuple[Index, Index]:
     """Rows and the columns that they take, first come first served."""
     taken = np.zeros(rows.shape[1], dtype=bool)
-    own, chosen = list[int](), list[int]()
+    pivots, chosen = list[int](), list[int]()
     for i in np.argsort(np.minimum(np.diff(rows.indptr), 3), kind="stable").tolist():
         part = slice(rows.indptr[i], rows.indptr[i + 1])
         columns, data = rows.indices[part], rows.data[part]
@@ -200,11 +200,11 @@ def _greedy(rows: sp.csr_array) -> tuple[Index, Index]:
         best = int(np.argmax(size * (1.0 + _NOTHING * (data > 0.0))))
         if size[best] > 0.1 * np.abs(data).max():
             taken[columns[best]] = True
-            own.append(i)
+            pivots.append(i)
             chosen.append(int(columns[best]))
-    if not own:
+    if not pivots:
         raise TieError("interfaces that hold the same nodes many times over")
-    return np.array(own, dtype=np.int64), np.array(chosen, dtype=np.int64)
+    return np.array(pivots, dtype=np.int64), np.array(chosen, dtype=np.int64)
 
 
 def _block_inverse(matrix: sp.csr_array) -> tuple[sp.csr_array, list[Index]]:
@@ -287,17 +287,17 @@ class TiedAssembly:
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
         driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
         rows, weights, channels = joint_rows(units, layout, trace, joints)
-        made = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
-        there = np.flatnonzero(made.exists)
-        both = _narrow(sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]])))
+        elimination = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
+        there = np.flatnonzero(elimination.exists)
+        both = _narrow(sp.csr_array(expansion @ sp.hstack([elimination.q_part, elimination.r_part[:, there]])))
         springs = _springs(units, layout, trace, joints)
         stiffness, mass, damping = (
             _product(both, [_matrix(m, kind) for m in models]) for kind in (STIFFNESS, MASS, DAMPING)
         )
         stiffness = _ordered(stiffness + both.T @ springs @ both)
-        shapes = driven + expansion @ made.driven
+        shapes = driven + expansion @ elimination.driven
         rank = _rank(models, both, stiffness)
-        n_free = made.q_part.shape[1]
+        n_free = elimination.q_part.shape[1]
         jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in joints.relative)]
         jump = sp.csr_array(sp.csr_array(sp.vstack(jumps))[there])
         return TiedAssembly(
@@ -313,8 +313,8 @@ class TiedAssembly:
             mass,
             damping,
             channels[there],
-            made.exists,
-            made.free,
+            elimination.exists,
+            elimination.free,
             rank,
             jump,
         )
@@ -432,9 +432,9 @@ def _product(both: sp.csr_array, matrices: Sequence[sp.csr_array]) -> sp.csr_arr
 
 def _ordered(matrix: sp.csr_array) -> sp.csr_array:
     """The matrix with the entries of each row in order."""
-    made = sp.csr_array(matrix)
-    made.sort_indices()
-    return made
+    ordered = sp.csr_array(matrix)
+    ordered.sort_indices()
+    return ordered
 
 
 def _rank(models: Sequence[SubstructureModel], both: sp.csr_array, stiffness: sp.csr_array) -> Array | None:

@@ -89,11 +89,11 @@ class _PlacedDeck:
         self.cells: list[Index] = []
         self.frames = [self._frame("", deck.root, None)]
         instances = deck.instances or [(name, name, Scope(), []) for name in deck.parts]
-        for name, part, own, card in instances:
-            if part not in deck.parts and not own.nodes:
+        for name, part, instance_scope, card in instances:
+            if part not in deck.parts and not instance_scope.nodes:
                 self.problems.add("an instance of a part that is not there", deck.spelled[part], listed(deck.parts))
                 continue
-            scope = deck.parts.get(part, Scope()).joined(own)
+            scope = deck.parts.get(part, Scope()).joined(instance_scope)
             self.frames.append(self._frame(name, scope, card[0] if card else None))
         self.problems.stop()
         self.kind_of = np.repeat(np.arange(len(self.kinds)), [len(c) for c in self.cells]).astype(np.int64)
@@ -205,8 +205,8 @@ class _PlacedDeck:
             return self._labelled(frame, kind, np.array([int(text)], dtype=np.int64), text)
         rows = self._find(frame, kind, text.upper(), path)
         if rows is None:
-            known = [self.deck.spelled.get(k, k) for t, k in frame.scope.sets if t == kind]
-            self.problems.add("no set of this name", text, listed(known))
+            sets = [self.deck.spelled.get(k, k) for t, k in frame.scope.sets if t == kind]
+            self.problems.add("no set of this name", text, listed(sets))
             return NO_ROWS
         return rows
 
@@ -322,8 +322,8 @@ class _DeckContent(_PlacedDeck):
 
     def _sections(self, content: MeshContent) -> dict[str, list[str]]:
         """Element sets of the solid sections of every volume group, in capitals."""
-        own = {self.deck.spelled[f.name]: f.scope.sections for f in self.frames[1:]}
-        return own or {name: [name.upper()] for name in content.volumes}
+        sections = {self.deck.spelled[f.name]: f.scope.sections for f in self.frames[1:]}
+        return sections or {name: [name.upper()] for name in content.volumes}
 
     def _parts(self, content: MeshContent) -> tuple[str, ...] | None:
         """Instances; without any, the element sets of the solid sections where they cover each cell once."""
@@ -366,6 +366,6 @@ def _split_parts(content: MeshContent, model: DeckModel) -> None:
 
 def _joins(content: MeshContent, group: str, pair: tuple[str, str]) -> bool:
     """Whether both surfaces of a pair lie on one volume group."""
-    known = {name.upper(): name for name in (*content.node_sets, *content.facets)}
-    names = [known.get(surface.rpartition(".")[2].upper()) for surface in pair]
+    spelling = {name.upper(): name for name in (*content.node_sets, *content.facets)}
+    names = [spelling.get(surface.rpartition(".")[2].upper()) for surface in pair]
     return all(name is not None and content.touching(group, name) for name in names)

@@ -237,8 +237,8 @@ def _elcopy(scope: Scope, card: Card) -> list[int]:
 
 
 def _points(scope: Scope, labels: Index) -> Array:
-    known, points = scope.all_nodes()
-    rows, there = rows_of(known, labels)
+    all_labels, points = scope.all_nodes()
+    rows, there = rows_of(all_labels, labels)
     if not there.all():
         raise _RefusedError(f"no node {labels[there.argmin()]} before this line")
     return points[rows]

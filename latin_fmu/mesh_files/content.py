@@ -215,8 +215,8 @@ class MeshContent:
                 continue
             if inside.any():
                 what = "the volume groups overlap, so they cannot all be parts"
-                known = f"parts = a list out of: {listed(members)}"
-                problem = Problem(where, what, name, known, "list the groups that are parts")
+                allowed = f"parts = a list out of: {listed(members)}"
+                problem = Problem(where, what, name, allowed, "list the groups that are parts")
                 raise MeshError([problem], "unusable mesh")
             fine.append(name)
             taken = np.concatenate([taken, members[name]])

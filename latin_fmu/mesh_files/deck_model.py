@@ -151,9 +151,9 @@ class DeckModel:
         reach = numbers([parameters["POSITION TOLERANCE"]]) if "POSITION TOLERANCE" in parameters else None
         for names in rows:
             if len(names) > 1:
-                known = {tie.name for tie in self.ties}
+                others = {tie.name for tie in self.ties}
                 # one card may tie several pairs: names of ties stay different
-                name = stem if stem not in known else f"{stem}_{len(known) + 1}"
+                name = stem if stem not in others else f"{stem}_{len(others) + 1}"
                 self.ties.append(Tie(name, names[0], names[1], reach[0] if reach else None))
 
     def _contact(self, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:

@@ -114,14 +114,14 @@ def _with_materials(
     assert content.deck is not None
     materials, bodies = dict(raw.get("material") or {}), dict(raw["substructure"])
     for group, part in parts.items():
-        table, known = bodies.get(part), content.deck.material_of(content.sections.get(group, []))
-        if known is None or not isinstance(table, Mapping) or given(table, "material"):
+        table, material = bodies.get(part), content.deck.material_of(content.sections.get(group, []))
+        if material is None or not isinstance(table, Mapping) or given(table, "material"):
             continue
         stiffness, density = factors
         units = {"young_modulus": stiffness, "poisson_ratio": 1.0, "density": density}
-        constants = {key: units[key] * value for key, value in known[1].items()}
+        constants = {key: units[key] * value for key, value in material[1].items()}
         # names of a deck know no case
-        name = next((key for key in materials if key.upper() == part_name(known[0]).upper()), part_name(known[0]))
+        name = next((key for key in materials if key.upper() == part_name(material[0]).upper()), part_name(material[0]))
         written = materials.get(name, {})
         if not isinstance(written, Mapping):
             continue
@@ -133,7 +133,7 @@ def _with_materials(
         if missing := [key for key in needed if key not in whole]:
             problem = Problem(
                 f"material.{name}",
-                f"the material {known[0]} of the deck lacks {' and '.join(missing)}, or depends on temperature",
+                f"the material {material[0]} of the deck lacks {' and '.join(missing)}, or depends on temperature",
                 allowed=f"[material.{name}] with {' and '.join(f'{key} = ...' for key in missing)}",
                 remedy="that table of the scene completes the one of the deck",
             )
@@ -225,11 +225,11 @@ def _axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, An
     return {}
 
 
-def _owner(known: Iterable[str], name: str) -> tuple[str, str]:
+def _owner(names: Iterable[str], name: str) -> tuple[str, str]:
     """Instance in capitals, empty where none is named, and the spelling of a set or surface; empty where it is not
     there. Names may have dots of their own."""
     owner, _, short = name.rpartition(".")
-    wanted = {item.upper(): item for item in reversed(list(known))}
+    wanted = {item.upper(): item for item in reversed(list(names))}
     if name.upper() in wanted:
         return "", wanted[name.upper()]
     return owner.upper(), wanted.get(f"NODE_{short}" if short.isdigit() else short.upper(), "")

@@ -139,8 +139,8 @@ def _add_block(content: MeshContent, problems: FileProblems, name: str, element:
         content.add_facets(name, kind, cells)
         return kind
     if key[0] in ("HEX", "TET", "WED", "PYR"):
-        known = "HEX8, HEX20, HEX27, TET4, TET10, WEDGE6, WEDGE15, WEDGE18, PYRAMID5, PYRAMID13"
-        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", known)
+        types = "HEX8, HEX20, HEX27, TET4, TET10, WEDGE6, WEDGE15, WEDGE18, PYRAMID5, PYRAMID13"
+        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", types)
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
     return ""
 

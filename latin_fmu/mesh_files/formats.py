@@ -127,8 +127,8 @@ SURFACES: Final = frozenset({".stl", ".obj", ".off", ".ply", ".wkt", ".svg"})
 def suffix_of(path: Path) -> str:
     """The suffix of a file in small letters; of a packed one the two last."""
     name = path.name.lower()
-    known = [suffix for row in FORMATS for suffix in row.suffixes if name.endswith(suffix)]
-    return max(known, key=len, default=path.suffix.lower())
+    suffixes = [suffix for row in FORMATS for suffix in row.suffixes if name.endswith(suffix)]
+    return max(suffixes, key=len, default=path.suffix.lower())
 
 
 def format_of(path: Path) -> Format | None:
@@ -139,9 +139,9 @@ def format_of(path: Path) -> Format | None:
         return rows[0] if rows else None
     with path.open("rb") as file:
         start = file.read(_BEGINNING)
-    known = [row for row in rows if row.knows is not None and row.knows(start)]
+    matches = [row for row in rows if row.knows is not None and row.knows(start)]
     # a damaged file is for the first row, whose message says what it should be
-    return (known or [row for row in rows if row.knows is None] or rows)[0]
+    return (matches or [row for row in rows if row.knows is None] or rows)[0]
 
 
 def known_suffixes() -> str:

@@ -264,9 +264,9 @@ def _form(nodes: list[int]) -> tuple[str, list[int]] | None:
     if len(nodes) != 8:
         return None
     order = {node: i for i, node in enumerate(dict.fromkeys(nodes))}
-    known = _HEX_FORMS.get(tuple(order[node] for node in nodes))
-    if known is None:
+    form = _HEX_FORMS.get(tuple(order[node] for node in nodes))
+    if form is None:
         return None
-    kind, columns = known
+    kind, columns = form
     assert kind in CORNERS
     return kind, [nodes[i] for i in columns]

@@ -100,7 +100,7 @@ def _distance(points: Array, cells: Index, corners: int, order: Places) -> float
 def complete(content: MeshContent) -> None:
     """Give cells the middle nodes that are not there, -1: the node that another cell has on that edge, else a new one
     in the middle of its corners, which is said."""
-    known: dict[tuple[int, ...], int] = {}
+    on_edge: dict[tuple[int, ...], int] = {}
     lacking = {kind for kind, cells in content.solids.items() if (cells < 0).any()}
     if not lacking:
         return
@@ -109,7 +109,7 @@ def complete(content: MeshContent) -> None:
             column = CORNERS[kind] + i
             there = cells[:, column] >= 0
             corners = np.sort(cells[there][:, list(place)], axis=1).tolist()
-            known.update(zip(map(tuple, corners), cells[there, column].tolist(), strict=True))
+            on_edge.update(zip(map(tuple, corners), cells[there, column].tolist(), strict=True))
     points, first = [content.points], len(content.points)
     count = first
     for kind in sorted(lacking):
@@ -119,11 +119,11 @@ def complete(content: MeshContent) -> None:
             for row in np.flatnonzero(cells[:, column] < 0).tolist():
                 corners = cells[row, list(place)]
                 key = tuple(sorted(corners.tolist()))
-                if key not in known:
-                    known[key] = count
+                if key not in on_edge:
+                    on_edge[key] = count
                     points.append(content.points[corners].mean(axis=0)[None])
                     count += 1
-                cells[row, column] = known[key]
+                cells[row, column] = on_edge[key]
     content.points = np.concatenate(points)
     if count > first:
         new = "1 middle node that the file leaves out was" if count == first + 1 else f"{count - first} middle nodes "

@@ -130,8 +130,8 @@ def _blocks(path: Path, grid: ET.Element) -> list[Block]:
         return _mixed(path, flat)
     stem, _, rest = name.partition("_")
     long = "_".join([_SHORT.get(stem, stem), rest]).rstrip("_")
-    for known, kind, width in _TYPES.values():
-        if long == known and (kind not in ("vertex", "line") or flat.size):
+    for form, kind, width in _TYPES.values():
+        if long == form and (kind not in ("vertex", "line") or flat.size):
             table = flat.reshape(-1, int(topology.get("NodesPerElement", width)))
             return [(kind, table, np.arange(len(table)))]
     raise MeshError.of("unreadable mesh", path.name, "cells of a type that is not read", name, "first or second order")

@@ -128,9 +128,9 @@ def backbone(
     with one_thread():
         whole = discretise(_at_rest(scene))
         _check_sizes(whole, wanted)
-        kept: Kept = {}
-        tight = tightened(whole, kept) if whole.cuts else None
-        state = static_state(whole, {}, tight, kept)
+        operators: Kept = {}
+        tight = tightened(whole, operators) if whole.cuts else None
+        state = static_state(whole, {}, tight, operators)
         if state is None:
             what = "nothing presses the joints: no bolts, and nothing acts at t = 0"
             raise InputError([Problem("SCENE", what, remedy="tighten bolts, or give a preload or load")], "no backbone")
@@ -141,7 +141,7 @@ def backbone(
         def loops(levels: Array) -> _Loops:
             for cut in range(_CUTS):
                 path = _Path.of(levels, loop, increments * 2**cut)
-                run, recorder = _run(_loaded(whole, shape, path.load), state, kept, tolerance, progress)
+                run, recorder = _run(_loaded(whole, shape, path.load), state, operators, tolerance, progress)
                 converged, sentence = run.status()
                 reached = float(np.abs(path.load[: run.assembly.instant + 1]).max())
                 if converged:
@@ -149,8 +149,8 @@ def backbone(
             return _Loops(path, sentence, reached)
 
         # of the linear mode: q = alpha / omega^2, which moves the place by q times sensed
-        made = _searched(loops, wanted, shape.omega**2 / shape.sensed, within, scene.unit_system)
-        return _read(scene, shape, made, loop, mode, tolerance)
+        result = _searched(loops, wanted, shape.omega**2 / shape.sensed, within, scene.unit_system)
+        return _read(scene, shape, result, loop, mode, tolerance)
 
 
 def _check(
@@ -163,8 +163,10 @@ def _check(
     if not (len(amplitudes) and (amplitudes > 0).all() and np.isfinite(amplitudes).all()):
         problems.append(Problem("amplitude", "out of range", str(amplitudes.tolist()), "one or more, > 0"))
     if sensor is not None and sensor not in scene.sensor:
-        known = list(scene.sensor)
-        problems.append(Problem("sensor", "no sensor of this name", sensor, listed(known), did_you_mean(sensor, known)))
+        sensors = list(scene.sensor)
+        problems.append(
+            Problem("sensor", "no sensor of this name", sensor, listed(sensors), did_you_mean(sensor, sensors))
+        )
     if loop not in LOOPS:
         problems.append(Problem("loop", "unknown", loop, ", ".join(LOOPS), did_you_mean(loop, LOOPS)))
     if not 1 <= increments <= _MOST:
@@ -250,11 +252,11 @@ class _Shape:
         rows = {}
         moved = {}
         for name, model in parts.models.items():
-            own = parts.where[name]
-            forces[name] = pulled[own, 0]
+            part = parts.where[name]
+            forces[name] = pulled[part, 0]
             # rigid: a with N^T a = M phi, N the motions of the nodes, the shortest of many
-            rows[name] = (pulled[own] if model.nodal is None else la.lstsq(model.nodal.T, pulled[own])[0]).T
-            moved[name] = full[own] if model.nodal is None else model.nodal @ full[own]
+            rows[name] = (pulled[part] if model.nodal is None else la.lstsq(model.nodal.T, pulled[part])[0]).T
+            moved[name] = full[part] if model.nodal is None else model.nodal @ full[part]
         place = _largest(moved, whole) if sensor is None else whole.sensors[sensor]
         there = place.rows @ moved[place.substructure]
         size, most = float(np.linalg.norm(there[:, 0])), max(float(np.abs(u[:, 0]).max()) for u in moved.values())
@@ -269,10 +271,10 @@ class _Shape:
     def places(self) -> dict[str, SensorPlace]:
         """Places whose motions hold the place of the amplitude and the ``rows``, three of a substructure each."""
         places = {_PLACE: self.place}
-        for name, own in self.rows.items():
-            for first in range(0, len(own), 3):
-                three = np.zeros((3, own.shape[1]))
-                three[: len(own) - first] = own[first : first + 3]
+        for name, part_rows in self.rows.items():
+            for first in range(0, len(part_rows), 3):
+                three = np.zeros((3, part_rows.shape[1]))
+                three[: len(part_rows) - first] = part_rows[first : first + 3]
                 places[f"{name} {first}"] = SensorPlace(name, sp.csr_array(three), np.zeros(3))
         return places
 
@@ -280,9 +282,9 @@ class _Shape:
         """Modal displacement and displacement at the place, without rigid motions, since the start, (n_time,) each."""
         motion = {name: values[:instants, 0] - values[0, 0] for name, values in recorder.series("motion").items()}
         sums = np.zeros((instants, 1 + len(self.rigid)))
-        for name, own in self.rows.items():
-            parts = [motion[f"{name} {first}"] for first in range(0, len(own), 3)]
-            sums += np.concatenate(parts, axis=1)[:, : len(own)]
+        for name, part_rows in self.rows.items():
+            parts = [motion[f"{name} {first}"] for first in range(0, len(part_rows), 3)]
+            sums += np.concatenate(parts, axis=1)[:, : len(part_rows)]
         return sums[:, 0], motion[_PLACE] @ self.direction - sums[:, 1:] @ self.rigid
 
 
@@ -380,37 +382,41 @@ def _searched(
     """Loops whose amplitudes are those wanted (n,), m, to the share ``within``; ``stiffness`` : levels of the linear
     mode over amplitudes. Raises SolverError: no load makes an amplitude."""
     levels = wanted * stiffness
-    known = dict[float, float]()
+    amplitudes = dict[float, float]()
     limit = np.inf
     fails, lost = 0, ""
     for _ in range(_TRIES):
-        made = loops(levels)
-        if not made.sentence:
-            known |= dict(zip(levels.tolist(), made.amplitude.tolist(), strict=True))
-            if (np.abs(made.amplitude - wanted) <= within * wanted).all() and (made.half > 0.0).all():
-                return made
-            top = _interpolated(known, wanted[-1:], limit)[0]
-        elif known and levels[-1] < max(known):
+        result = loops(levels)
+        if not result.sentence:
+            amplitudes |= dict(zip(levels.tolist(), result.amplitude.tolist(), strict=True))
+            if (np.abs(result.amplitude - wanted) <= within * wanted).all() and (result.half > 0.0).all():
+                return result
+            top = _interpolated(amplitudes, wanted[-1:], limit)[0]
+        elif amplitudes and levels[-1] < max(amplitudes):
             # larger loads have an equilibrium: the iteration has stalled, as it will not under slightly other ones
             levels = levels * (1.0 - _ASIDE * within)
             continue
         else:
-            lost, limit = made.sentence, min(limit, float(levels[-1]))
-            fails += not known
+            lost, limit = result.sentence, min(limit, float(levels[-1]))
+            fails += not amplitudes
             # what was reached before the loads were too large, or far less
-            top = max(made.reached, limit / _LESS) if not known else np.sqrt(limit * max(known))
-        if fails >= _FAILS or top >= (1.0 - _CLOSE) * limit or (known and max(known) >= (1.0 - _CLOSE) * limit):
+            top = max(result.reached, limit / _LESS) if not amplitudes else np.sqrt(limit * max(amplitudes))
+        if (
+            fails >= _FAILS
+            or top >= (1.0 - _CLOSE) * limit
+            or (amplitudes and max(amplitudes) >= (1.0 - _CLOSE) * limit)
+        ):
             break
-        levels = _interpolated(known, wanted, limit) if known else levels
+        levels = _interpolated(amplitudes, wanted, limit) if amplitudes else levels
         # none above the largest, and none equal to it
         levels = np.minimum(levels, top * np.linspace(1.0, 1.0 - _CLOSE, len(levels))[::-1])
-    raise SolverError(_unreached(known, wanted, within, lost, units))
+    raise SolverError(_unreached(amplitudes, wanted, within, lost, units))
 
 
-def _interpolated(known: Mapping[float, float], wanted: Array, limit: float) -> Array:
+def _interpolated(pairs: Mapping[float, float], wanted: Array, limit: float) -> Array:
     """Levels (n,) for amplitudes wanted, increasing, from known pairs, below the level that has no equilibrium."""
-    levels = np.array(sorted(known))
-    amplitudes = np.maximum.accumulate(np.array([known[level] for level in levels.tolist()]))
+    levels = np.array(sorted(pairs))
+    amplitudes = np.maximum.accumulate(np.array([pairs[level] for level in levels.tolist()]))
     moved = amplitudes > 0.0
     if not moved.any():
         return np.asarray(np.minimum(2.0 * levels[-1] * wanted / wanted[-1], limit))
@@ -422,22 +428,22 @@ def _interpolated(known: Mapping[float, float], wanted: Array, limit: float) -> 
     slope = (y[-1] - y[-2]) / (x[-1] - x[-2]) if len(x) > 1 else _STEEPEST
     beyond = y[-1] + np.clip(slope, _FLATTEST, _STEEPEST) * (at - x[-1])
     found = np.where(at > x[-1], beyond, np.where(at < x[0], y[0] + at - x[0], np.interp(at, x, y)))
-    made = np.exp(found)
-    if made[-1] >= (1.0 - _CLOSE) * limit:
-        made[-1] = np.sqrt(limit * levels[-1])
-    return np.asarray(np.minimum.accumulate(made[::-1])[::-1])
+    new_levels = np.exp(found)
+    if new_levels[-1] >= (1.0 - _CLOSE) * limit:
+        new_levels[-1] = np.sqrt(limit * levels[-1])
+    return np.asarray(np.minimum.accumulate(new_levels[::-1])[::-1])
 
 
-def _unreached(known: Mapping[float, float], wanted: Array, within: float, lost: str, units: UnitSystem) -> str:
+def _unreached(pairs: Mapping[float, float], wanted: Array, within: float, lost: str, units: UnitSystem) -> str:
     """Which amplitude is not reached, and why."""
     metre = units.label("m")
-    largest = max(known.values(), default=0.0)
+    largest = max(pairs.values(), default=0.0)
     first = next((a for a in wanted.tolist() if a > (1.0 + within) * largest), wanted[-1])
     words = f"amplitude not reached: {readable(first, metre, 4)} is wanted, and the largest load with an equilibrium "
-    words += f"makes {readable(largest, metre, 4)}" if known else "makes less"
+    words += f"makes {readable(largest, metre, 4)}" if pairs else "makes less"
     if lost:
         words += f"; under a larger one: {lost}"
-    remedy = f"ask for at most {readable(largest, metre, 3)}" if known else "ask for smaller amplitudes"
+    remedy = f"ask for at most {readable(largest, metre, 3)}" if pairs else "ask for smaller amplitudes"
     return f"{words}; {remedy}, tighten the joint further, or take more increments or a larger tolerance"
 
 
@@ -465,12 +471,12 @@ def _held(table: Any) -> Any:
 def _run(
     discretised: DiscretisedProblem,
     state: InitialState,
-    kept: Kept,
+    operators: Kept,
     tolerance: float,
     progress: Callable[[int, int, int, float], None] | None,
 ) -> tuple[Run, Recorder]:
     """All loads from the initial state."""
-    problem = discretised.build(state, kept)
+    problem = discretised.build(state, operators)
     settings = replace(problem.settings, tolerance=tolerance, force_tolerance=tolerance, max_iterations=_ITERATIONS)
     recorder = Recorder(problem.assembly, problem.output, problem.info)
     run = Run(problem.assembly, settings, recorder, Timings(), RunControl(progress=progress))
@@ -478,17 +484,17 @@ def _run(
     return run, recorder
 
 
-def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tolerance: float) -> Backbone:
+def _read(scene: Scene, shape: _Shape, loops: _Loops, loop: Loop, mode: int, tolerance: float) -> Backbone:
     """The backbone from the histories of a run."""
-    path = made.path
-    q = made.q
-    histories = made.histories
+    path = loops.path
+    q = loops.q
+    histories = loops.histories
     assert q is not None
     assert histories is not None
     power = sum((h.friction_power for h in histories.values() if h.friction_power is not None), np.zeros(len(q)))
     work = np.concatenate([[0.0], np.cumsum(power[1:])]) / (len(q) - 1)  # instants are parts of 1 s
     first = np.zeros_like(path.top) if loop == "masing" else path.top
-    load, half = path.load[path.top], made.half
+    load, half = path.load[path.top], loops.half
     loss = {"half": 2.0, "full": 1.0, "masing": 4.0}[loop] * (work[path.end] - work[first])
     spans = list(zip(first, path.end, strict=True))
     return Backbone(
@@ -498,7 +504,7 @@ def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tole
         loop=loop,
         tolerance=tolerance,
         linear_frequency=shape.rise * shape.omega / (2 * np.pi),
-        amplitude=made.amplitude,
+        amplitude=loops.amplitude,
         frequency=shape.rise * np.sqrt(load / half) / (2 * np.pi),
         damping=loss / (2 * np.pi * load * half),
         loss=loss,

@@ -129,21 +129,21 @@ def frf(
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
     if not len(excitations.modes.omega):
         raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
-    names = list(drives) or excitations.held
+    names = list(drives) or excitations.base_motions
     terms = [excitations.terms(name, _POWER[kind], ratios is None) for name in names]
-    columns = np.column_stack([column for own in terms for _, column in own])
-    given = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
-    top = highest if given is None else float(given.max())
+    columns = np.column_stack([column for pairs in terms for _, column in pairs])
+    grid = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
+    top = highest if grid is None else float(grid.max())
     basis = _Basis.of(excitations, columns, top, ratios)
-    if given is None:
-        given = basis.frequencies(lowest, highest, points)
+    if grid is None:
+        grid = basis.frequencies(lowest, highest, points)
     response: dict[str, dict[str, Complex]] = {name: {} for name in names}
-    motions = basis.responses(given, columns)
-    rate, first = (2j * np.pi * given[:, None]).astype(np.complex128), 0
-    for name, own in zip(names, terms, strict=True):
-        numbers = range(first, first + len(own))
-        moving = np.sum([of(rate) * motions[:, :, i] for i, (of, _) in zip(numbers, own, strict=True)], axis=0)
-        first += len(own)
+    motions = basis.responses(grid, columns)
+    rate, first = (2j * np.pi * grid[:, None]).astype(np.complex128), 0
+    for name, pairs in zip(names, terms, strict=True):
+        numbers = range(first, first + len(pairs))
+        moving = np.sum([of(rate) * motions[:, :, i] for i, (of, _) in zip(numbers, pairs, strict=True)], axis=0)
+        first += len(pairs)
         axis = _base_axis(name)
         for sensor in sensors or scene.sensor:
             moved: Complex = moving @ (excitations.rows(sensor) @ basis.vectors).T
@@ -157,7 +157,7 @@ def frf(
         damping=_in_words(ratios),
         natural_frequency=basis.damped[0] / (2 * np.pi),
         n_static=len(basis.omega) - basis.n_mode,
-        frequency=given,
+        frequency=grid,
         response=response,
         curves=tuple(curve_lines(scene.material)) if ratios is None else (),
         units=scene.unit_system,
@@ -173,30 +173,30 @@ def _checked(
 ) -> Array | None:
     """Ratios (n,) of the modes, None where they are those of the scene. Raises InputError: what needs no meshes."""
     kind, points, frequencies, lowest, highest = options
-    problems, known = [], list(scene.sensor)
-    if not known:
+    problems, names = [], list(scene.sensor)
+    if not names:
         problems.append(Problem("sensor", "the scene has none", remedy="add [sensor.NAME] tables to the scene"))
-    places = (f"{name}.{axis}" for name in (BASE, *known) for axis in AXES)
+    places = (f"{name}.{axis}" for name in (BASE, *names) for axis in AXES)
     allowed = [*places, *scene.load]
     for name in drives:
         if name not in allowed:
             what = "neither the base nor a sensor with an axis nor a load"
             problems.append(Problem("drive", what, name, listed(allowed), did_you_mean(name, allowed)))
-    for name in sensors if known else ():
-        if name not in known:
+    for name in sensors if names else ():
+        if name not in names:
             what = "no sensor of this name"
-            problems.append(Problem("sensor", what, name, listed(known), did_you_mean(name, known)))
+            problems.append(Problem("sensor", what, name, listed(names), did_you_mean(name, names)))
     if kind not in KINDS:
         problems.append(Problem("kind", "unknown", kind, ", ".join(KINDS), did_you_mean(kind, KINDS)))
     ratios = None if damping is None else np.atleast_1d(np.asarray(damping, dtype=float))
     if ratios is not None and not (len(ratios) and ((ratios > 0.0) & (ratios < 1.0)).all()):
         problems.append(Problem("damping", "out of range", str(ratios.tolist()), "ratios > 0, < 1"))
-    given = np.array([]) if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
+    grid = np.array([]) if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
     ends = np.array([f for f in (lowest, highest) if f is not None], dtype=float)
-    for where, values in (("frequencies", given), ("lowest, highest", ends)):
+    for where, values in (("frequencies", grid), ("lowest, highest", ends)):
         if not ((values > 0.0) & np.isfinite(values)).all():
             problems.append(Problem(where, "out of range", str(values.tolist()), "> 0 [Hz]"))
-    if frequencies is not None and not len(given):
+    if frequencies is not None and not len(grid):
         problems.append(Problem("frequencies", "none", None, "one or more"))
     if len(ends) == 2 and not ends[0] < ends[1]:
         problems.append(Problem("lowest", "not below the highest frequency", f"{lowest:g} Hz", f"< {highest:g} Hz"))
@@ -237,8 +237,8 @@ class _Excitations:
         place = self.joined.discretised.sensors[sensor]
         parts = self.joined.parts
         nodal, where = parts.models[place.substructure].nodal, parts.where[place.substructure]
-        own = place.rows if nodal is None else place.rows @ nodal
-        moved = own @ self.joined.expansion[where]
+        nodal_rows = place.rows if nodal is None else place.rows @ nodal
+        moved = nodal_rows @ self.joined.expansion[where]
         return np.asarray(moved if isinstance(moved, np.ndarray) else moved.toarray())
 
     def terms(self, drive: str, power: int, damped: bool) -> list[tuple[OfFrequency, Array]]:
@@ -254,15 +254,15 @@ class _Excitations:
         if self.carried[axis] > 1.0 - _SHARE:
             what = f"nothing holds the assembly along {AXES[axis]}, so that no base moves it"
             raise InputError([Problem("drive", what, drive, remedy="drive it by a force")], _HEADING)
-        made: list[tuple[OfFrequency, Array]] = [(_power(2), -self._pulled[:, axis])]
+        terms: list[tuple[OfFrequency, Array]] = [(_power(2), -self._pulled[:, axis])]
         if not self._carried_by_springs(axis):
             joined, along = self.joined, self.joined.parts.translations[:, axis]
             at_rest: list[tuple[OfFrequency, Array]] = [(_power(0), _clear(joined.to_ground, along))]
             if damped:
                 at_rest.append((_power(1), _clear(joined.damping, along) + joined.modal_drag(along)))
                 at_rest += [(part.branches.rise, _clear(part.stiffness, along)) for part in joined.relaxing_to_ground]
-            made += [(of, -(joined.expansion.T @ force)) for of, force in at_rest if force.any()]
-        return made
+            terms += [(of, -(joined.expansion.T @ force)) for of, force in at_rest if force.any()]
+        return terms
 
     def _carried_by_springs(self, axis: int) -> bool:
         """Whether springs and layers to the ground are all that holds the assembly along an axis."""
@@ -314,7 +314,7 @@ class _Excitations:
         return share
 
     @property
-    def held(self) -> list[str]:
+    def base_motions(self) -> list[str]:
         """Base motions along the axes along which something is held. Raises InputError: there are none."""
         found = [f"{BASE}.{axis}" for axis, share in zip(AXES, self.carried, strict=True) if share <= 1.0 - _SHARE]
         if not found:
@@ -361,8 +361,8 @@ class _Basis:
         if ratios is not None:
             # the last ratio is that of the rest, static responses included
             number = np.minimum(np.arange(len(values)), len(ratios) - 1)
-            own = np.concatenate([np.zeros(modes.n_rigid), ratios[number]])
-            return _Basis(vectors, omega, 2 * own * omega, modes.n_rigid, n_mode)
+            ratio = np.concatenate([np.zeros(modes.n_rigid), ratios[number]])
+            return _Basis(vectors, omega, 2 * ratio * omega, modes.n_rigid, n_mode)
         reduced = [m.name for m in joined.parts.models.values() if m.modal is not None and m.modal_rows is None]
         if reduced:
             what = "modal damping without a limit is that of a reduced basis"
@@ -386,24 +386,24 @@ class _Basis:
     @property
     def ratio(self) -> Array:
         """Damping ratios (m,), 0 for rigid motions."""
-        own = self.damping if self.damping.ndim == 1 else np.diagonal(self.damping)
+        diagonal = self.damping if self.damping.ndim == 1 else np.diagonal(self.damping)
         # np.where divides for all: 1e-300 keeps rigid motions from a warning
-        ratio: Array = np.where(self.omega > 0.0, own / (2 * np.maximum(self.omega, 1e-300)), 0.0)
+        ratio: Array = np.where(self.omega > 0.0, diagonal / (2 * np.maximum(self.omega, 1e-300)), 0.0)
         return ratio
 
     def frequencies(self, lowest: float | None, highest: float | None, points: int) -> Array:
         """Frequencies, Hz, by equal factors, and some at each peak. Raises InputError: no elastic mode, bad ends."""
         omega, ratio = self.damped
-        own = omega / (2 * np.pi)
-        if not len(own) and (lowest is None or highest is None):
+        natural = omega / (2 * np.pi)
+        if not len(natural) and (lowest is None or highest is None):
             raise InputError.of(_HEADING, "frequencies", "the assembly has no elastic mode", remedy="give both ends")
-        last = float(own[min(len(own), _FIRST) - 1]) if highest is None else highest
+        last = float(natural[min(len(natural), _FIRST) - 1]) if highest is None else highest
         # the highest may be given below the first natural frequency
-        first = _LOWEST * min(float(own[0]), last) if lowest is None else lowest
+        first = _LOWEST * min(float(natural[0]), last) if lowest is None else lowest
         if not first < last:
             what = "not below the highest frequency"
             raise InputError([Problem("lowest", what, f"{first:g} Hz", f"< {last:g} Hz")], _HEADING)
-        peaks = (own[:, None] * (1.0 + ratio[:, None] * _AT_PEAKS)).ravel()
+        peaks = (natural[:, None] * (1.0 + ratio[:, None] * _AT_PEAKS)).ravel()
         inside = peaks[(peaks > first) & (peaks < last)]
         return np.unique(np.concatenate([np.geomspace(first, last, points), inside]))
 
@@ -414,15 +414,15 @@ class _Basis:
             dynamic = self.omega**2 - w**2 + 1j * w * self.damping
             return np.asarray(load / dynamic[:, :, None])
         m = len(self.omega)
-        stiffness, made = np.diag(self.omega**2), []
+        stiffness, coordinates = np.diag(self.omega**2), []
         for part in np.array_split(w, max(1, len(w) * m * m // _AT_ONCE)):
             square = part[:, :, None] ** 2 * np.eye(m)
             dynamic = stiffness - square + 1j * part[:, :, None] * self.damping
             for strained in self.strained:
                 rise = strained.branches.rise((1j * part[:, :, None]).astype(np.complex128))
                 dynamic = dynamic + rise * strained.stiffness
-            made.append(np.linalg.solve(dynamic, load[None]))
-        return np.concatenate(made)
+            coordinates.append(np.linalg.solve(dynamic, load[None]))
+        return np.concatenate(coordinates)
 
 
 def _in_words(ratios: Array | None) -> str:

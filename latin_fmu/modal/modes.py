@@ -145,9 +145,9 @@ def _named(
     if (damped := joined.eigenvalues(modes)) is not None:
         frequency = np.abs(damped) / (2 * np.pi)
     for name, model in parts.models.items():
-        own = full[parts.where[name]]
-        own = own if model.nodal is None else model.nodal @ own
-        shapes[name] = own.T.reshape(len(omega), len(own) // 3, 3)
+        nodal = full[parts.where[name]]
+        nodal = nodal if model.nodal is None else model.nodal @ nodal
+        shapes[name] = nodal.T.reshape(len(omega), len(nodal) // 3, 3)
     size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
     # the modal mass belongs to the scaled shape
     modal = np.einsum("im,im->m", full, parts.mass @ full) / size**2

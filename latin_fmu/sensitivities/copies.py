@@ -69,14 +69,14 @@ def unit_of(copy: int, unit: InterfaceUnit) -> InterfaceUnit:
 
 def places_in(base: Layout, layout: Layout, n_unit: int, copies: int) -> list[Index]:
     """Of every copy the places of the channels of the run among those of the copies."""
-    made = []
+    places = []
     for copy in range(copies):
         to = np.zeros(base.n_flat, dtype=np.int64)
         for i in range(n_unit):
             for side in (0, 1):
                 to[base.channels(i, side)] = layout.channels(copy * n_unit + i, side)
-        made.append(to)
-    return made
+        places.append(to)
+    return places
 
 
 def differences(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
@@ -139,7 +139,7 @@ def assembled(
     # no energies of theirs are kept, and all of them take a product with K more in every instant
     output = problem.scene.output.model_copy(update={"energy": False})
     scene = problem.scene.model_copy(update={"output": output})
-    propagators, _ = made_propagators(scene, classes, scheme, dt, impedance, twins(stage), stage.kept)
+    propagators, _ = made_propagators(scene, classes, scheme, dt, impedance, twins(stage), stage.operators)
     assembly = Assembly(propagators, [c.channels for c in classes], units, layout, impedance, 0.0, scheme)
     assembly.rest_traction = -1.0
     if not isinstance(scheme, QuasiStatic) and any(body.rigid for body in problem.bodies.values()):
@@ -188,11 +188,11 @@ def marched_beside(
     stage : the motion of the run, which has converged. statics : operators of its static start, used again and added
         to. newton : Newton steps of the run over its instants. progress : of the march, windows done and all.
     """
-    made: list[tuple[Marched, Marched] | None] = [None] * len(scenes)
+    pairs: list[tuple[Marched, Marched] | None] = [None] * len(scenes)
     large = max(p.n_dof for p in stage.ready.assembly.propagators) >= _LARGE
     # Newton steps take the matrix of the points of all copies, which grows with the cube of their number
     if len(scenes) < 2 or not large or isinstance(stage.problem.scheme, QuasiStatic) or newton > _NEWTON:
-        return made
+        return pairs
     copies = {i: copy for i, scene in enumerate(scenes) if (copy := _built(stage, scene, statics)) is not None}
     numbers = list(copies)
     for first in range(0, len(numbers), MOST - 1):
@@ -200,22 +200,22 @@ def marched_beside(
         run = _run(stage, [_Copy(stage.problem, stage.start), *(copies[i] for i in part)], progress)
         if run is not None:
             tables = run.recorder.interfaces(), run.recorder.sensors(run.assembly), run.recorder.bolt_histories()
-            own, *others = (
+            base, *others = (
                 Marched(*(of_copy(table, number) for table in tables))  # type: ignore[arg-type]
                 for number in range(len(part) + 1)
             )
             for i, other in zip(part, others, strict=True):
-                made[i] = other, own
-    return made
+                pairs[i] = other, base
+    return pairs
 
 
 def _built(stage: Stage, scene: Scene, statics: Kept | None) -> _Copy | None:
     """A scene with its static start; None where it has to be run on its own, whose error has the reason."""
     base = stage.problem
     try:
-        static, kept = scene.time.start.type == "static", base.kept or KeptOperators()
+        static, operators = scene.time.start.type == "static", base.kept or KeptOperators()
         # keys of the operators of static problems are those of a scene that is built
-        problem = discretise(scene, None, kept.copy() if static else kept.beside(base.bodies))
+        problem = discretise(scene, None, operators.copy() if static else operators.beside(base.bodies))
         if differences(base, problem):
             return None
         start = displaced_start(problem, solved_equilibrium(problem, {}, kept=statics)) if static else None
@@ -264,17 +264,17 @@ def _run(stage: Stage, copies: Sequence[_Copy], progress: Progress | None) -> Ru
 
 def _classes(base: DiscretisedProblem, copies: Sequence[_Copy], places: Sequence[Index]) -> Iterator[ModelClass]:
     """Classes of the copies: those of the run with the copies whose operators are equal, then the others."""
-    known = [(c.members[0], list[SubstructureModel](), list[Index]()) for c in base.classes]
-    places_of = {m.name: (m, entry) for c, entry in zip(base.classes, known, strict=True) for m in c.members}
+    entries = [(c.members[0], list[SubstructureModel](), list[Index]()) for c in base.classes]
+    places_of = {m.name: (m, entry) for c, entry in zip(base.classes, entries, strict=True) for m in c.members}
     for i, (copy, to) in enumerate(zip(copies, places, strict=True)):
         for c in copy.classes:
             for member, channels in zip(c.members, c.channels.T, strict=True):
-                own, entry = places_of[member.name]
-                if not same_operators(own, member):
-                    known.append(entry := (member, [], []))
+                first_member, entry = places_of[member.name]
+                if not same_operators(first_member, member):
+                    entries.append(entry := (member, [], []))
                 entry[1].append(replace(member, name=named(i, member.name)))
                 entry[2].append(to[channels])
-    for first, members, channels in known:
+    for first, members, channels in entries:
         if members:
             share_operators(first, members[0])
             yield ModelClass(members, np.stack(channels, axis=1))
@@ -288,5 +288,8 @@ def _renamed(state: InitialState, copy: int) -> InitialState:
 
 def copied(places: Mapping[str, Any], copy: int, change: Callable[[Any], Any] | None = None) -> dict[str, Any]:
     """Places of sensors or bolts on the bodies of a copy."""
-    made = {name: place if change is None else change(place) for name, place in places.items()}
-    return {named(copy, n): replace(place, substructure=named(copy, place.substructure)) for n, place in made.items()}
+    moved_places = {name: place if change is None else change(place) for name, place in places.items()}
+    return {
+        named(copy, n): replace(place, substructure=named(copy, place.substructure))
+        for n, place in moved_places.items()
+    }

@@ -118,7 +118,7 @@ def with_checks(solution: Solution, ride: Ride) -> Solution:
         return solution
     larger, why = _larger(ride.scene, found)
     runs: list[dict[str, float] | None] = [None] * len(found.derivatives)
-    known = {q.quantity: q.value for q in found.quantities}
+    values = {q.quantity: q.value for q in found.quantities}
     for (i, other), marched in zip(larger.items(), _marched_together(ride, larger), strict=True):
         if marched is None:
             runs[i], reason = _of_other_run(ride, other)
@@ -126,7 +126,7 @@ def with_checks(solution: Solution, ride: Ride) -> Solution:
                 why[i] = reason
             continue
         more, same = (_scalars(ride, copy) for copy in marched)
-        runs[i] = {key: known[key] + more[key] - same[key] for key in known.keys() & more.keys() & same.keys()}
+        runs[i] = {key: values[key] + more[key] - same[key] for key in values.keys() & more.keys() & same.keys()}
     missing = dict[str, list[str]]()
     for i in sorted(why):
         missing.setdefault(why[i], []).append(found.derivatives[i].name)
@@ -153,8 +153,8 @@ def _marched_together(ride: Ride, larger: dict[int, Scene]) -> list[tuple[Marche
     that cannot be computed so."""
     if ride.tangent is None:
         return [None] * len(larger)
-    outcome, left = ride.run.outcome, ride.started.left
-    if left is None or left > (len(larger) + 1) * outcome.timings.march:
+    outcome, budget = ride.run.outcome, ride.started.left
+    if budget is None or budget > (len(larger) + 1) * outcome.timings.march:
         newton = sum(window.newton_steps for window in outcome.windows) / max(len(outcome.windows), 1)
         motion = ride.tangent.motion(ride.run.problem, ride.run.recorder)
         report = None if ride.progress is None else ride.progress.update
@@ -166,13 +166,13 @@ def _marched_together(ride: Ride, larger: dict[int, Scene]) -> list[tuple[Marche
 
 def _of_other_run(ride: Ride, scene: Scene) -> tuple[dict[str, float] | None, str]:
     """Scalar quantities of a scene that is run alone, and why there are none."""
-    outcome, left = ride.run.outcome, ride.started.left
-    if left is not None and left <= outcome.timings.march:
+    outcome, budget = ride.run.outcome, ride.started.left
+    if budget is not None and budget <= outcome.timings.march:
         return None, ride.started.sentence("their checks")
     operators = None if ride.tangent is None else ride.tangent.problem.kept
-    kept = KeptOperators() if operators is None else operators.copy()
+    store = KeptOperators() if operators is None else operators.copy()
     try:
-        solution = ride.solve(scene, kept=kept, progress=ride.progress, max_cpu=left)
+        solution = ride.solve(scene, kept=store, progress=ride.progress, max_cpu=budget)
     except LatinError as error:
         return None, str(error.problems[0] if isinstance(error, InputError) else error)
     if solution.converged:

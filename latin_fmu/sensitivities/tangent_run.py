@@ -74,8 +74,8 @@ class TangentRun(RunState):
         # places and matrix of the first copy, whose factors serve all; that of all may be too large where it is not
         one = relative_operator(self._solved.assembly) if direction.relative.get("n_matrix") else None
         if one is not None and (direction.newton or (direction.too_large and one["n_matrix"] <= LARGEST)):
-            own = {name: direction.relative[name] for name in ("owner", "owner_class", "live_row")}
-            direction.relative, direction.newton = one | own, True
+            arrays = {name: direction.relative[name] for name in ("owner", "owner_class", "live_row")}
+            direction.relative, direction.newton = one | arrays, True
         elif not direction.newton:
             direction.relative, direction.newton = {"on_iteration": 1}, True
         direction.newton_z = direction.z
@@ -177,9 +177,9 @@ class TangentRun(RunState):
                 jump[..., 0] -= reach[..., 0]
                 if isinstance(behaviour, NoSlip):
                     # closed as they were pressed: their gap is part of the jump (``kernels.local_stage``)
-                    held = group.block(solved.rows.f_hat[first - 1 : first + n - 1])[:, 0, :, 0] < 0.0
-                    jump[..., 0] += np.where(held, reach[..., 0], 0.0)
-                    reach[..., 0] = np.where(held, 0.0, reach[..., 0])
+                    pressed = group.block(solved.rows.f_hat[first - 1 : first + n - 1])[:, 0, :, 0] < 0.0
+                    jump[..., 0] += np.where(pressed, reach[..., 0], 0.0)
+                    reach[..., 0] = np.where(pressed, 0.0, reach[..., 0])
         flat = jump.reshape(n * p, h), np.tile(z, (n, 1)), reach.reshape(n * p, -1), rate
         return flat, moves
 
@@ -201,13 +201,13 @@ def _source(
     now = apply_law(law, *arguments, parameters)
     up = apply_law(law, *arguments, np.tile(change[0], (repeat, 1))) - now
     down = now - apply_law(law, *arguments, np.tile(change[1], (repeat, 1)))
-    made = (up + down) / change[2]
+    slope = (up + down) / change[2]
     if jump.shape[1] == 1:
-        return made
+        return slope
     sizes = np.linalg.norm(up[:, 1:], axis=1), np.linalg.norm(down[:, 1:], axis=1)
     unlike = np.abs(sizes[0] - sizes[1]) > _UNLIKE * np.maximum(*sizes)
     sliding = jump[:, 1:] / np.maximum(np.linalg.norm(jump[:, 1:], axis=1), np.finfo(float).tiny)[:, None]
     # along the slip the tangent of a point that slips is that of the pressure alone
     slips = np.einsum("pa,pab,pb->p", sliding, tangents[:, 1:, 1:], sliding) * z[:, 1] < 0.5
     taken = np.where(((sizes[0] > sizes[1]) == slips)[:, None], up, down)
-    return np.where(unlike[:, None], 2.0 * taken / change[2], made)
+    return np.where(unlike[:, None], 2.0 * taken / change[2], slope)

@@ -87,7 +87,7 @@ def _pressed_at_start(problem: DiscretisedProblem) -> bool:
     """Whether contact forces at t = 0 are found from accelerations, or from a law that is not linear there."""
     if isinstance(problem.scheme, QuasiStatic):
         return False
-    rigid, given = (
+    rigid, from_state = (
         {name for name, body in problem.bodies.items() if body.rigid},
         problem.scene.time.start.type == "given",
     )
@@ -95,7 +95,7 @@ def _pressed_at_start(problem: DiscretisedProblem) -> bool:
     closed = [u for u in opening if u.geometry.gap.min(initial=np.inf) <= 0.0]
     return any(
         any(name in rigid for _, _, name in body_sides([u]))
-        or (given and u.behaviour.compliant and u.geometry.gap.min() < 0)
+        or (from_state and u.behaviour.compliant and u.geometry.gap.min() < 0)
         for u in closed
     )
 
@@ -120,7 +120,7 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
     ------
     SceneError : one that is no number, or that changes what the derivatives take as given.
     """
-    made = []
+    varied = []
     for name in whole.differentiated:
         value = value_of(whole, name)
         step = _STEP * abs(value) or _STEP
@@ -130,8 +130,8 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
             if reason := differences(problem, other):
                 raise _refused(name, reason)
             ends.append(other)
-        made.append(VariedParameter(name, value, 2.0 * step / (value or 1.0), *ends))
-    return made
+        varied.append(VariedParameter(name, value, 2.0 * step / (value or 1.0), *ends))
+    return varied
 
 
 def _changed(scene: Scene, problem: DiscretisedProblem) -> DiscretisedProblem:
@@ -183,7 +183,7 @@ class Tangents:
     @property
     def statics(self) -> Kept | None:
         """Operators of the static start; None where there is none."""
-        return self.stages[-1].kept if self.stages else None
+        return self.stages[-1].operators if self.stages else None
 
     def motion(self, ready: SolverReadyProblem, recorder: Recorder) -> Stage:
         """The motion of the run as a stage."""
@@ -232,15 +232,15 @@ class Tangents:
         size = static_size(self.problem, end.amplitudes)
         if least_displaced(self.problem, end, size) is end:
             return list(states)
-        made = []
+        changes = []
         for p, change in zip(self.parameters, states, strict=True):
             more, less = (
                 least_displaced(whole, _moved(end, change, 0.5 * sign * p.span), size).displacement
                 for whole, sign in ((p.more, 1.0), (p.less, -1.0))
             )
             placed = {name: (more[name] - less[name]) / p.span for name in change.displacement}
-            made.append(replace(change, displacement=placed))
-        return made
+            changes.append(replace(change, displacement=placed))
+        return changes
 
 
 def _moved(state: InitialState, change: StateChange, by: float) -> InitialState:
@@ -275,10 +275,10 @@ def _march(
     layout, dt = Layout(units), problem.dt
     places = places_in(base.layout, layout, len(problem.units), len(parameters))
     operators = OperatorChanges.of(stage, parameters, ends)
-    made, histories = _copies(stage, parameters, states, ends, operators)
+    copies, histories = _copies(stage, parameters, states, ends, operators)
     classes = [
         replace(c, members=members, channels=np.concatenate([to[c.channels] for to in places], axis=1))
-        for c, members in zip(problem.classes, made, strict=True)
+        for c, members in zip(problem.classes, copies, strict=True)
     ]
     impedance = np.zeros(layout.n_flat)
     for to in places:
@@ -322,11 +322,11 @@ def _copies(
         members = []
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
             for model in c.members:
-                made, driven = _copy(model, time, parameter, pair, states[copy], ramps[copy])
+                member, driven = _copy(model, time, parameter, pair, states[copy], ramps[copy])
                 if operators is not None and (force := operators.start(copy, model.name)) is not None:
-                    made = replace(made, loads=[*made.loads, LoadTerm(MARK, force)])
+                    member = replace(member, loads=[*member.loads, LoadTerm(MARK, force)])
                     driven = replace(driven, amplitudes=[*driven.amplitudes, np.eye(1, len(time))[0]])
-                members.append(replace(made, name=named(copy, model.name)))
+                members.append(replace(member, name=named(copy, model.name)))
                 histories[members[-1].name] = driven
         share_operators(c.members[0], members[0])
         classes.append(members)
@@ -375,7 +375,7 @@ class OperatorChanges:
         base = stage.ready.assembly
         problem = stage.problem
         self._copies = copies
-        ready = replace(problem, kept=twins(stage)).build(stage.start, stage.kept)
+        ready = replace(problem, kept=twins(stage)).build(stage.start, stage.operators)
         ready.assembly.rest_traction = -1.0
         recorder = Recorder(ready.assembly, OutputRequest(bolts=bolts), {})
         solved = SolvedFields(base, stage.rows, [None])
@@ -405,15 +405,22 @@ class OperatorChanges:
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
             more, less = (models_of(end) for end in pair)
             for name, model in more.items():
-                made = tuple(
+                matrices = tuple(
                     _difference(getattr(model, key), getattr(less[name], key), parameter.span)
                     for key in ("mass", "damping", "stiffness")
                 )
-                own, ends_of = present[name].branches.marched(scheme), (model.branches, less[name].branches)
-                if any(matrix is not None for matrix in made) or (len(own) and ends_of[0] != ends_of[1]):
-                    changes[copy, name] = made
-                    weights = [branches.weights(scheme, dt) for branches in (own, *ends_of)]
-                    strains[copy, name] = _Strains(len(own) > 0, weights, model.stiffness, made[2], parameter.span)
+                present_branches, ends_of = (
+                    present[name].branches.marched(scheme),
+                    (model.branches, less[name].branches),
+                )
+                if any(matrix is not None for matrix in matrices) or (
+                    len(present_branches) and ends_of[0] != ends_of[1]
+                ):
+                    changes[copy, name] = matrices
+                    weights = [branches.weights(scheme, dt) for branches in (present_branches, *ends_of)]
+                    strains[copy, name] = _Strains(
+                        len(present_branches) > 0, weights, model.stiffness, matrices[2], parameter.span
+                    )
             for name, place in stage.ready.output.bolts.items():
                 cuts = [end.cuts[name] for end in (parameter.more, parameter.less)]
                 stiffness = (cuts[0].stiffness - cuts[1].stiffness) / parameter.span
@@ -440,11 +447,11 @@ class OperatorChanges:
 
     def _next(self, key: tuple[int, str], n: int) -> Array:
         """g (n_full, n) of a change at the next n instants."""
-        known = self._known[key]
-        while sum(part.shape[1] for part in known) < n:
+        parts = self._known[key]
+        while sum(part.shape[1] for part in parts) < n:
             self._advance()
-        every = np.concatenate(known, axis=1)
-        known[:] = [every[:, n:]]
+        every = np.concatenate(parts, axis=1)
+        parts[:] = [every[:, n:]]
         return every[:, :n]
 
     def _advance(self) -> None:
@@ -465,19 +472,19 @@ class OperatorChanges:
             before, now = motion[..., :-1], motion[..., 1:]
             static, inertia = self._parts(key, first, now, before)
             # what the next instant takes of this one has the velocity of the state
-            kept = self._parts(key, first, now, None)[0] if weights["force_old"] != 0.0 else static
+            old_static = self._parts(key, first, now, None)[0] if weights["force_old"] != 0.0 else static
             if key in self._strains:
                 strained = self._strained(key, first, motion)
-                static, kept = static + strained, kept + strained
+                static, old_static = static + strained, old_static + strained
             force, earlier, inertia_before = self._last[key]
-            made = np.empty_like(static)
+            forces = np.empty_like(static)
             for i in range(n):
                 total = new * static[:, i] + old * earlier
                 total += weights["mass_weight"] * inertia[:, i] + weights["mass_old"] * inertia_before
-                force = made[:, i] = -(total + old * force) / new
-                earlier, inertia_before = kept[:, i], inertia[:, i]
+                force = forces[:, i] = -(total + old * force) / new
+                earlier, inertia_before = old_static[:, i], inertia[:, i]
             self._last[key] = force.copy(), earlier.copy(), inertia_before.copy()
-            self._known[key].append(made)
+            self._known[key].append(forces)
 
     def _strained(self, key: tuple[int, str], first: int, motion: Array) -> Array:
         """What Maxwell branches add to P (n_full, n) of a body at instants from ``first`` on; ``motion`` (3, n_dof,
@@ -510,12 +517,14 @@ class OperatorChanges:
             velocity = v_free + float(run["velocity_gain"]) / gain * (u - u_free - float(run["u_late"]) * v_free)
         imposed = (forcing.imposed_a, forcing.imposed_v, forcing.imposed_u)
         static, inertia = np.zeros((2, expand.shape[0], u.shape[1]))
-        for number, (matrix, own, given) in enumerate(zip(self._changes[key], (a, velocity, u), imposed, strict=True)):
+        for number, (matrix, motion, imposed_at) in enumerate(
+            zip(self._changes[key], (a, velocity, u), imposed, strict=True)
+        ):
             if matrix is None:
                 continue
-            whole = expand @ own
+            whole = expand @ motion
             if forcing.moves:
-                whole += np.stack([given(first + i)[:, j] for i in range(u.shape[1])], axis=1)
+                whole += np.stack([imposed_at(first + i)[:, j] for i in range(u.shape[1])], axis=1)
             (static if number else inertia)[...] += matrix @ whole
         return static, inertia
 
@@ -545,11 +554,11 @@ class _Strains:
     def forces(self, displacement: Array) -> Array:
         """Forces (n_full, n) at n instants, from the displacements (n_full, n + 1) at these and at the one before."""
         strains = np.zeros((3, *displacement[:, 1:].shape))
-        for number, ((strength, kept, moved, _), elongation) in enumerate(
+        for number, ((strength, decay, moved, _), elongation) in enumerate(
             zip(self.weights, self._elongations, strict=True)
         ):
             for i, step in enumerate(np.diff(displacement, axis=1).T):
-                elongation[:] = kept[:, None] * elongation + moved[:, None] * step
+                elongation[:] = decay[:, None] * elongation + moved[:, None] * step
                 strains[number, :, i] = strength @ elongation
         present, more, less = strains
         forces: Array = self.stiffness @ ((more - less) / self.span)
@@ -560,8 +569,8 @@ def _difference(more: sp.csr_array | None, less: sp.csr_array | None, span: floa
     """Derivative of a matrix; None where it does not change."""
     if more is None or less is None:
         return None
-    made = sp.csr_array((more - less) / span)
-    return made if abs(made).max() > 0.0 else None
+    slope = sp.csr_array((more - less) / span)
+    return slope if abs(slope).max() > 0.0 else None
 
 
 def _unit(
@@ -584,11 +593,11 @@ def _copy(
 ) -> tuple[SubstructureModel, Histories]:
     """A substructure with the derivatives of its loads, motions and initial values; ``ramps`` of the bolts."""
     more, less = (models_of(end)[model.name] for end in ends)
-    driven = [end.timeline.histories(own, time) for end, own in zip(ends, (more, less), strict=True)]
+    driven = [end.timeline.histories(source, time) for end, source in zip(ends, (more, less), strict=True)]
     loads, amplitudes = list[LoadTerm](), list[Array]()
-    for own, history, sign in zip((more, less), driven, (1.0, -1.0), strict=True):
-        for load, amplitude in zip(own.loads, history.amplitudes, strict=True):
-            same = next((k for k, known in enumerate(loads) if np.array_equal(known.pattern, load.pattern)), len(loads))
+    for source, history, sign in zip((more, less), driven, (1.0, -1.0), strict=True):
+        for load, amplitude in zip(source.loads, history.amplitudes, strict=True):
+            same = next((k for k, other in enumerate(loads) if np.array_equal(other.pattern, load.pattern)), len(loads))
             if same == len(loads):
                 loads.append(replace(load, name=f"{MARK}{load.name}"))
                 amplitudes.append(np.zeros(len(time)))
@@ -598,7 +607,7 @@ def _copy(
         if first or last:
             loads.append(load)
             amplitudes.append(first + (last - first) * time / time[-1])
-    made = replace(
+    copy = replace(
         model,
         loads=loads,
         displacement=state.displacement.get(model.name, parameter.of(more.displacement, less.displacement)),
@@ -609,19 +618,19 @@ def _copy(
         else parameter.of(more.imposed_speed, less.imposed_speed),
     )
     motion = parameter.of(driven[0].imposed, driven[1].imposed)
-    return made, Histories(time, amplitudes, motion, driven[0].motion_kinds)
+    return copy, Histories(time, amplitudes, motion, driven[0].motion_kinds)
 
 
 def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) -> dict[str, tuple[float, float]]:
     """Derivatives of the first and last amplitude of the load terms of the bolts."""
-    made = {}
+    changes = {}
     for name, cut in stage.problem.cuts.items():
         locked = state.shortening.get(name, 0.0)
-        made[load_name(name)] = locked, locked
+        changes[load_name(name)] = locked, locked
         if name in stage.tightened:
             force, shortening = _bolt_changes(parameter, name)
-            made[load_name(name)] = (state.tension.get(name, 0.0), force) if cut.loose else (0.0, shortening)
-    return made
+            changes[load_name(name)] = (state.tension.get(name, 0.0), force) if cut.loose else (0.0, shortening)
+    return changes
 
 
 def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
@@ -634,11 +643,11 @@ def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
 
 def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> dict[int, Array]:
     """Derivatives of the velocities of the ground of the copies."""
-    made, n = dict[int, Array](), len(base.interfaces)
+    velocities, n = dict[int, Array](), len(base.interfaces)
     for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
         more, less = (end.timeline.ground(base.interfaces, end.time) for end in pair)
-        made |= {copy * n + i: parameter.of(more[i], less[i]) for i in more}
-    return made
+        velocities |= {copy * n + i: parameter.of(more[i], less[i]) for i in more}
+    return velocities
 
 
 def _request(request: OutputRequest, copies: int) -> OutputRequest:
@@ -703,11 +712,11 @@ def _state_after(
             continue
         more, less = parameter.more.cuts[name], parameter.less.cuts[name]
         k = (more.stiffness - less.stiffness) / parameter.span
-        own = solved.displacement[cut.table.substructure]
+        body_motion = solved.displacement[cut.table.substructure]
         changed = k * solved.bolts.shortening.get(name, 0.0)
-        changed -= float(parameter.of(more.pattern, less.pattern) @ own)
+        changed -= float(parameter.of(more.pattern, less.pattern) @ body_motion)
         if name in stage.tightened:
-            force, given = _bolt_changes(parameter, name)
-            shortening[name] = cut.shortening(force - changed, u) if cut.loose else given
+            force, amount = _bolt_changes(parameter, name)
+            shortening[name] = cut.shortening(force - changed, u) if cut.loose else amount
         tension[name] = cut.force(shortening.get(name, 0.0), u) + changed
     return StateChange(displacement, traction, closure, shortening, tension)

@@ -58,9 +58,9 @@ class Bench:
 
     def solve(self, description: Description, counted: bool = True) -> Solution:
         """Solution of a description, converged or not; ``counted``: its iterations go into the row."""
-        left = None if self.end is None else max(self.end - time.process_time(), 0.0)
+        budget = None if self.end is None else max(self.end - time.process_time(), 0.0)
         # a description serves several runs, and the reader may change it
-        solution = solve(scene_from_dict(copy.deepcopy(description)), max_cpu=left)
+        solution = solve(scene_from_dict(copy.deepcopy(description)), max_cpu=budget)
         if solution.interrupted:
             raise LimitError(solution.interrupted)
         if counted:
@@ -117,7 +117,7 @@ class CaseResult:
 
     ``margin`` is the largest value over limit of its measures, ``nearest`` that measure; ``iterations`` the largest
     number of LATIN iterations in a window, ``mean_iterations`` their mean, ``fallbacks`` the windows in which one was
-    used; ``known`` whether it fails by a known fault.
+    used; ``known_fault`` whether it fails by a known fault.
     """
 
     case: str
@@ -130,7 +130,7 @@ class CaseResult:
     mean_iterations: float
     fallbacks: int
     seconds: float
-    known: bool = False
+    known_fault: bool = False
     nearest: str = ""
 
 
@@ -166,7 +166,7 @@ def run_case(case: Case, end: float | None = None) -> CaseResult:
         fallbacks=bench.fallbacks,
         seconds=time.perf_counter() - start,
         # a case that holds again is not marked
-        known=bool(case.fault) and not passed,
+        known_fault=bool(case.fault) and not passed,
         nearest=failure if nearest is None else f"{nearest.what} {nearest.value:.3g} <= {nearest.limit:.3g}",
     )
 

@@ -106,11 +106,11 @@ def _lengths(ratio: float, bench: Bench) -> list[Measure]:
     step = 1.0 / ratio / elements
     solution = bench.converged(two_boxes(short, long, step, 3 * elements))
     # the wave is back from the free end after two transits of the short bar
-    left = pressure_force(solution)[int(2.5 * elements) :]
+    rest = pressure_force(solution)[int(2.5 * elements) :]
     measures = [Measure("impulse off by", abs(impulse(solution) * ratio - 1.0), 0.03)]
     # elements of one length on both sides: else fronts are reflected at the coarser mesh
     if long.elements[2] >= elements * ratio:
-        measures.append(Measure("stress left", float(np.abs(left).max()), 0.0))
+        measures.append(Measure("stress left", float(np.abs(rest).max()), 0.0))
     return measures + energy_laws(solution)
 
 

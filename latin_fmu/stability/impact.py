@@ -56,13 +56,13 @@ def _thrown_together(gap: float, in_mesh: bool = True) -> Description:
 
 def _closing(gap: float, bench: Bench) -> list[Measure]:
     solution = bench.converged(_thrown_together(gap))
-    given = bench.converged(_thrown_together(gap, in_mesh=False), counted=False)
+    by_number = bench.converged(_thrown_together(gap, in_mesh=False), counted=False)
     force, time = pressure_force(solution), solution.time
     first = time[np.argmax(force > 0.01 * force.max())]  # the first True
     return [
         Measure("impulse off by", abs(impulse(solution) - 1.0), 0.75 * STEP),
         Measure("first contact late by steps", abs(first - gap) / STEP, 1.5),
-        Measure("gap as number and as distance differ by", distance(pressure_force(given), force), 3e-10),
+        Measure("gap as number and as distance differ by", distance(pressure_force(by_number), force), 3e-10),
         Measure("penetration over its bound", penetration_bound(solution), 1.0),
         Measure("contacts beyond the first", max(openings(force, 0.1) - 1, 0), 0),
         *energy_laws(solution),
@@ -169,8 +169,8 @@ def long_cases() -> Iterator[Case]:
     yield case("20 bounces, hht", expectation, _bounces, 20, 50, {"type": "hht"}, quick=False)
     yield case("20 bounces, newmark, gamma 0.6", expectation, _bounces, 20, 50, damped, quick=False)
     for elements in (25, 50):
-        name, kept = f"20 bounces, massless contact nodes, {elements} elements", "at least 95 % of the energy kept"
-        yield case(name, f"{kept} at Courant number 0.6", _keeps, elements, quick=elements < 50)
+        name, claim = f"20 bounces, massless contact nodes, {elements} elements", "at least 95 % of the energy kept"
+        yield case(name, f"{claim} at Courant number 0.6", _keeps, elements, quick=elements < 50)
     yield case("5 bounces, hht", expectation, _bounces, 5, 25, {"type": "hht"})
     landing, alpha = "force within 10 % of the plateau, energy never above its start", {"type": "generalized_alpha"}
     for courant in (0.05, 0.6, 4.0):
@@ -206,7 +206,7 @@ def closings(force: Array, time: Array) -> Array:
     return starts
 
 
-def kept(solution: Solution) -> float:
+def energy_share(solution: Solution) -> float:
     """Stored energy minus work of gravity at the end, from -500 (all lost) as a share of the energy of the fall."""
     energy = energies(solution)
     return 1 + float((energy["kinetic"] + energy["elastic"] - energy["work_of_loads"])[-1]) / FALL
@@ -219,7 +219,7 @@ def _bounces(bounces: int, elements: int, scheme: dict[str, Any], bench: Bench) 
     damped = scheme["type"] != "hht"  # takes a quarter of the energy per three bounces, and so of the flight
     return [
         Measure("first three contacts off by", float(np.abs(start / exact - 1).max()), 5e-2 if damped else 1e-2),
-        Measure("energy lost per bounce", (1 - kept(solution)) / bounces, 0.06),
+        Measure("energy lost per bounce", (1 - energy_share(solution)) / bounces, 0.06),
         *energy_laws(solution),
     ]
 
@@ -231,7 +231,7 @@ def _keeps(elements: int, bench: Bench) -> list[Measure]:
     exact = 1 + PERIOD * np.arange(len(start))
     return [
         Measure("first three contacts off by", float(np.abs(start / exact - 1).max()), 1e-2),
-        Measure("energy lost", 1 - kept(solution), 0.042),
+        Measure("energy lost", 1 - energy_share(solution), 0.042),
         *energy_laws(solution, round_off=2.4e-12),
     ]
 
@@ -259,7 +259,7 @@ def _landing(courant: float, scheme: dict[str, Any], bench: Bench) -> list[Measu
 def _keeps_by(elements: int, scheme: dict[str, Any], bench: Bench) -> list[Measure]:
     """Energy lost in 20 bounces, and gained at any instant."""
     solution = bench.converged(bouncing(20, elements, scheme))
-    return [Measure("energy lost", 1 - kept(solution), 0.35), *energy_laws(solution, round_off=1e-12)]
+    return [Measure("energy lost", 1 - energy_share(solution), 0.35), *energy_laws(solution, round_off=1e-12)]
 
 
 def _long_steps(bench: Bench) -> list[Measure]:
@@ -278,7 +278,7 @@ def _refinement(bench: Bench) -> list[Measure]:
     lost = []
     for elements in (16, 32, 64):
         solution = bench.converged(bouncing(3, elements, {"type": "hht"}, tolerance=1e-5))
-        lost.append(1 - kept(solution))
+        lost.append(1 - energy_share(solution))
     return [
         Measure("lost with 16 elements", lost[0], 0.2),
         Measure("with 32", lost[1], 0.15),

@@ -378,7 +378,7 @@ def _front(scheme: str, bench: Bench) -> list[Measure]:
     count, material = 9, Material()
     bodies = {f"b{i}": bar(material, 1.0, ELEMENTS) for i in range(count)}
 
-    def made(**keys: Any) -> Description:
+    def row_of_bars(**keys: Any) -> Description:
         step, end = 1.0 / ELEMENTS, 1.6 * count
         joints = {f"i{i}": dict(keys) for i in range(1, count)}
         scene = column(bodies, joints, {"end": end, "instants": round(end / step), "scheme": scheme})
@@ -386,8 +386,8 @@ def _front(scheme: str, bench: Bench) -> list[Measure]:
         scene["boundary"] = {"far": {"type": "absorbing", "face": f"b{count - 1}.zmax"}}
         return scene
 
-    solution = bench.converged(made())
-    bonded = bench.converged(made(behaviour="perfect"), counted=False)
+    solution = bench.converged(row_of_bars())
+    bonded = bench.converged(row_of_bars(behaviour="perfect"), counted=False)
     apart = 0.0
     late = 0.0
     off = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..pictures.style import BAD, styled
 from .case import Bench, CaseResult, energies, impulse, pressure_force
-from .impact import bouncing, kept
+from .impact import bouncing, energy_share
 from .scenes import thrown
 
 if TYPE_CHECKING:
@@ -80,11 +80,11 @@ def _plain(value: object) -> object:
 
 def verdict(rows: Sequence[CaseResult], left_out: int = 0) -> str:
     """One sentence on the whole suite; ``left_out``: cases that a limit of CPU time has left out."""
-    failed = [row.case + ", a known fault" * row.known for row in rows if not row.passed]
+    failed = [row.case + ", a known fault" * row.known_fault for row in rows if not row.passed]
     seconds = sum(row.seconds for row in rows)
-    kept = f"{len(rows) - len(failed)} of {len(rows)} hard cases hold ({seconds:.0f} s)"
-    kept += f"; stopped by the limit of CPU time: {left_out} cases left out" * bool(left_out)
-    return kept + (f"; failed: {'; '.join(failed)}" if failed else "")
+    sentence = f"{len(rows) - len(failed)} of {len(rows)} hard cases hold ({seconds:.0f} s)"
+    sentence += f"; stopped by the limit of CPU time: {left_out} cases left out" * bool(left_out)
+    return sentence + (f"; failed: {'; '.join(failed)}" if failed else "")
 
 
 def as_markdown(
@@ -105,15 +105,15 @@ def as_markdown(
         "|---|---|---|---|---|---|---|",
     ]
     for family in dict.fromkeys(row.family for row in rows):
-        own = [row for row in rows if row.family == family]
+        members = [row for row in rows if row.family == family]
         # a fault that is known does not stand for its family
-        near = max(own, key=lambda row: row.margin if row.passed else -1.0 if row.known else math.inf)
+        near = max(members, key=lambda row: row.margin if row.passed else -1.0 if row.known_fault else math.inf)
         varied, limits = FAMILIES.get(family, ("", ""))
-        mean = sum(row.mean_iterations for row in own) / len(own)
+        mean = sum(row.mean_iterations for row in members) / len(members)
         parts.append(
-            f"| **{family}** | {varied} | {sum(row.passed for row in own)} of {len(own)} "
+            f"| **{family}** | {varied} | {sum(row.passed for row in members)} of {len(members)} "
             f"| {_cell(near.case)}: {_cell(near.nearest)} | {limits} "
-            f"| {max(row.iterations for row in own)}, {mean:.1f} | {sum(row.seconds for row in own):.1f} |"
+            f"| {max(row.iterations for row in members)}, {mean:.1f} | {sum(row.seconds for row in members):.1f} |"
         )
     if data is not None:
         parts += ["", f"All cases with every limit and measured value: [{data}]({data})."]
@@ -140,8 +140,8 @@ def stability_figure(rows: Sequence[CaseResult]) -> Figure:
     # the cases of a family one below the other around its line
     place = np.zeros(len(rows))
     for line, family in enumerate(families):
-        own = [i for i, row in enumerate(rows) if row.family == family]
-        place[own] = line + np.linspace(-0.32, 0.32, len(own)) if len(own) > 1 else line
+        members = [i for i, row in enumerate(rows) if row.family == family]
+        place[members] = line + np.linspace(-0.32, 0.32, len(members)) if len(members) > 1 else line
     _margins(margins, rows, place)
     _counts(counts, rows, place)
     margins.set_yticks(range(len(families)), families, fontsize=8)
@@ -236,7 +236,7 @@ def _line(name: str, scheme: dict[str, Any], elements: int, bounces: int) -> str
         f"{100 * float(stored[-1] / stored[0]):.1f} %",
         f"{solution.outcome.penetration() / (float(solution.time[1]) * _SPEED):.2f}",
         str(bounces),
-        f"{100 * kept(dropped):.1f} %",
+        f"{100 * energy_share(dropped):.1f} %",
         f"{sum(bench.iterations) / len(bench.iterations):.1f}",
     )
     return f"| {' | '.join(cells)} |"

@@ -50,29 +50,29 @@ class BoltEnd:
 
     Attributes
     ----------
-    cut : of its shank. body : the one of the shank. nodes : (n_node,) of this end. held : (n_node,) nodes that a
+    cut : of its shank. body : the one of the shank. nodes : (n_node,) of this end. fixed : (n_node,) nodes that a
         condition holds along the axis. pull : (3,) unit vector along which the tension pulls it.
     """
 
     cut: BoltCut
     body: Body
     nodes: np.ndarray
-    held: np.ndarray
+    fixed: np.ndarray
     pull: Array
 
     @classmethod
-    def both(cls, cut: BoltCut, body: Body, held: np.ndarray) -> tuple[BoltEnd, BoltEnd]:
-        """The two ends of a bolt, the one beyond the cut first; ``held`` : (n_node,) nodes that a condition holds along
-        the axis."""
+    def both(cls, cut: BoltCut, body: Body, fixed: np.ndarray) -> tuple[BoltEnd, BoltEnd]:
+        """The two ends of a bolt, the one beyond the cut first; ``fixed`` : (n_node,) nodes that a condition holds
+        along the axis."""
         on_cut = np.zeros(body.mesh.n_node, dtype=bool)
         on_cut[cut.nodes] = True
         # the part beyond the cut lies along the axis, and is pulled back
         beyond, before = cut.moving & ~on_cut, ~cut.moving & ~on_cut
-        return cls(cut, body, beyond, held, -cut.axis), cls(cut, body, before, held, cut.axis)
+        return cls(cut, body, beyond, fixed, -cut.axis), cls(cut, body, before, fixed, cut.axis)
 
     def problem(self, units: Sequence[InterfaceUnit]) -> Problem | None:
         """A problem where nothing holds the end; ``units`` : the interfaces that carry something at rest."""
-        if (self.held & self.nodes).any():
+        if (self.fixed & self.nodes).any():
             return None
         touching = []
         for i, side, name in body_sides(units):
@@ -99,10 +99,10 @@ class BoltEnd:
         places = self.body.mesh.nodes
         section = places[self.cut.nodes]
         radius = _reach(section, self.cut.point, self.cut.axis).max()
-        own = places[self.nodes]
-        wide = _reach(own, self.cut.point, self.cut.axis).max() > _WIDER * radius
-        height = own @ self.pull
-        tip = own[height <= height.min() + _SAME * self.body.mesh.size]
+        points = places[self.nodes]
+        wide = _reach(points, self.cut.point, self.cut.axis).max() > _WIDER * radius
+        height = points @ self.pull
+        tip = points[height <= height.min() + _SAME * self.body.mesh.size]
         middle, near = 0.5 * (tip.min(axis=0) + tip.max(axis=0)), _NEAR * self.body.mesh.size
         at = ", ".join(f"{x:.4g}" for x in np.where(np.abs(middle) < near, 0.0, middle).tolist())
         return f"the {'head' if wide else 'end'} of {self.body.name} at [{at}] {self.body.units['m']}"
@@ -183,7 +183,7 @@ def unheld_ends(
         if cut.tension is None or not cut.moving.any():
             continue
         body = bodies[cut.table.substructure]
-        held = held_nodes(conditions[body.name], cut.axis, body.mesh.n_node)
-        for end in BoltEnd.both(cut, body, held):
+        fixed = held_nodes(conditions[body.name], cut.axis, body.mesh.n_node)
+        for end in BoltEnd.both(cut, body, fixed):
             if (problem := end.problem(units)) is not None:
                 yield problem

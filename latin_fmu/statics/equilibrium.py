@@ -90,40 +90,44 @@ def _of_bodies(problem: SolverReadyProblem, run: Run) -> tuple[dict[str, np.ndar
 
 
 def equilibrium(
-    discretised: DiscretisedProblem, start: InitialState | None, own: SolverSettings, kept: Kept, bodies: bool = False
+    discretised: DiscretisedProblem,
+    start: InitialState | None,
+    settings: SolverSettings,
+    operators: Kept,
+    bodies: bool = False,
 ) -> Equilibrium:
-    """The static problem solved from an initial state; its run has not converged where no tolerance is reached, ``own``
-    of the scene neither. ``bodies`` : whether they are solved one by one alone."""
-    found = _solved(lambda: discretised.build(start, kept), own)
+    """The static problem solved from an initial state; its run has not converged where no tolerance is reached, that of
+    the ``settings`` of the scene neither. ``bodies`` : whether they are solved one by one alone."""
+    found = _solved(lambda: discretised.build(start, operators), settings)
     if found.run.status()[0] or bodies:
         return found
     from .static_run import static_assembly, static_march
 
     try:
         assembly = static_assembly(discretised)
-        whole = _solved(lambda: static_march(discretised, start, assembly, kept), own)
+        whole = _solved(lambda: static_march(discretised, start, assembly, operators), settings)
     except (TieError, SolverError):
         return found
     return whole if whole.run.status()[0] else found
 
 
-def _solved(make: Callable[[], StaticMarch | SolverReadyProblem], own: SolverSettings) -> Equilibrium:
+def _solved(make: Callable[[], StaticMarch | SolverReadyProblem], limits: SolverSettings) -> Equilibrium:
     """A problem solved to the smallest of the tolerances that it meets, made anew for each."""
     tolerance = force = TIGHT[0]
     while True:
-        made = make()
-        recorder = made.recorder()
-        settings = replace(made.settings, tolerance=tolerance, force_tolerance=force)
-        run = Run(made.assembly, settings, recorder, Timings())
+        problem = make()
+        recorder = problem.recorder()
+        settings = replace(problem.settings, tolerance=tolerance, force_tolerance=force)
+        run = Run(problem.assembly, settings, recorder, Timings())
         run.all()
-        if run.status()[0] or tolerance == own.tolerance:
+        if run.status()[0] or tolerance == limits.tolerance:
             break
         # Soft supports of stiff bodies leave round-off above the tight tolerances.
         reached = 2.0 * max((max(w.final_error, w.final_mismatch) for w in run.windows), default=np.inf)
         # what round-off left allows, doubled: the next run must be able to meet it
         next_one = max(TIGHT[1], reached)
-        if tolerance == TIGHT[0] and next_one < own.tolerance:
+        if tolerance == TIGHT[0] and next_one < limits.tolerance:
             tolerance = force = next_one
         else:
-            tolerance, force = own.tolerance, own.force_tolerance
-    return Equilibrium(run, tolerance, made)
+            tolerance, force = limits.tolerance, limits.force_tolerance
+    return Equilibrium(run, tolerance, problem)

@@ -63,12 +63,12 @@ _NAMED = 3  # bodies of a mechanism that are named
 _TURNS = 0.3  # share of a rotation in the motion of a body from which on it turns
 
 
-def allowed_motions(body: Body, held: Conditions, more: Array | None = None) -> Array:
+def allowed_motions(body: Body, conditions: Conditions, more: Array | None = None) -> Array:
     """Rigid motions of the nodes that the conditions allow, prescribed ones at rest, (3 n_node, 0 ... 6); ``more``:
     motions (3 n_node, n) which the body can make beside."""
-    if isinstance(held, RigidConditions):
-        return held.nodal[:, : held.expansion.shape[1]]
-    nodes, p = body.mesh.nodes, held.expansion
+    if isinstance(conditions, RigidConditions):
+        return conditions.nodal[:, : conditions.expansion.shape[1]]
+    nodes, p = body.mesh.nodes, conditions.expansion
     full = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
     full = full if more is None else np.hstack([full, more])
     against = full - p @ closest_reduced(p, full)  # what held and tied nodes do not allow
@@ -111,17 +111,17 @@ class LimitLoad:
 
     def _add_loads(self, member: SubstructureModel) -> None:
         """Loads of a substructure from the first increment on."""
-        held, own = self._problem.conditions[member.name], self.motions[member.name]
-        if isinstance(held, RigidConditions):  # its forces are on its own unknowns
+        conditions, motions = self._problem.conditions[member.name], self.motions[member.name]
+        if isinstance(conditions, RigidConditions):  # its forces are on its own unknowns
             # full dofs of a rigid body are its motions, the free ones first
-            own = np.eye(held.expansion.shape[0])[:, : held.expansion.shape[1]]
+            motions = np.eye(conditions.expansion.shape[0])[:, : conditions.expansion.shape[1]]
         histories = self._problem.timeline.histories(member, self._problem.time)
         for load, amplitude in zip(member.loads, histories.amplitudes, strict=True):
             if load.name in self._problem.scene.straining:  # it moves no rigid body, but for round-off
                 continue
-            self.path[1:, self.where[member.name]] += np.outer(amplitude[1:], load.pattern @ own)
+            self.path[1:, self.where[member.name]] += np.outer(amplitude[1:], load.pattern @ motions)
             # loads that start from zero can be named as shares of their amplitudes
-            self.raised &= amplitude[0] == 0.0 or not np.any(load.pattern @ own)
+            self.raised &= amplitude[0] == 0.0 or not np.any(load.pattern @ motions)
             if load.name:
                 self.varying[load.name] = amplitude
 
@@ -177,13 +177,13 @@ class LimitLoad:
         columns, free = list[Array](), list[bool]()
         for point, chosen in zip(self.points, directions, strict=True):
             # without a cone, mu = 0: the pressure alone
-            own = [(point.pressure, point.tied)] if not chosen else []
-            own += [(point.pressure + point.mu * (d @ point.friction), False) for d in chosen]
+            generators = [(point.pressure, point.tied)] if not chosen else []
+            generators += [(point.pressure + point.mu * (d @ point.friction), False) for d in chosen]
             if np.isinf(point.mu):
                 # nothing slides: friction of either sign, without bound
-                own = [(point.pressure, point.tied), *((row, True) for row in point.friction)]
-            columns += [column for column, _ in own]
-            free += [either for _, either in own]
+                generators = [(point.pressure, point.tied), *((row, True) for row in point.friction)]
+            columns += [column for column, _ in generators]
+            free += [either for _, either in generators]
         return columns, free
 
     def slides(self, point: _ContactPoint, motion: Array) -> bool:
@@ -266,8 +266,8 @@ def _located(problem: DiscretisedProblem, limit: LimitLoad, before: int, corner:
     # what can be held is convex: held up to an instant and not beyond
     while high - low > 1:
         middle = (low + high) // 2
-        held = limit.largest(path[before], path[middle])[0] >= 1.0 - _EXACT
-        low, high = (middle, high) if held else (low, middle)
+        balanced = limit.largest(path[before], path[middle])[0] >= 1.0 - _EXACT
+        low, high = (middle, high) if balanced else (low, middle)
     s, motion = limit.largest(path[low], path[high])
     if s >= 1.0 - _EXACT or s < 0.0:
         return None
@@ -364,11 +364,11 @@ class FreeGroup:
                 resultant = resultant + np.outer(amplitude, pattern.reshape(-1, 3).sum(axis=0))
         worst = int(np.abs(net).max(axis=1).argmax())
         largest = np.maximum(gross.max(axis=0), 1e-300)
-        own = next(iter(self.motions.values()))
+        motions = next(iter(self.motions.values()))
         # axes that the group cannot follow along have a support: their resultant is no cause
-        moves = np.array([float(_contains(own, axis)) for axis in range(3)])
-        left = moves * resultant[worst]
-        return float((np.abs(net) / largest).max()), np.where(np.abs(left) > 1e-6 * np.abs(left).max(), left, 0.0)
+        moves = np.array([float(_contains(motions, axis)) for axis in range(3)])
+        rest = moves * resultant[worst]
+        return float((np.abs(net) / largest).max()), np.where(np.abs(rest) > 1e-6 * np.abs(rest).max(), rest, 0.0)
 
 
 def _nodal(motions: Array) -> Array:
@@ -421,11 +421,11 @@ def _groups(factors: Mapping[str, Array], motions: Mapping[str, Array]) -> list[
         members = [names[i] for i in moving if label[i] == number]
         rows = np.concatenate([np.arange(where[n].start, where[n].stop) for n in members])
         values, vectors = la.eigh(projection[np.ix_(rows, rows)])
-        own, at = vectors[:, values > 0.5], 0  # eigenvalues of a projection are 0 or 1
+        basis, at = vectors[:, values > 0.5], 0  # eigenvalues of a projection are 0 or 1
         parts = {}
         for name in members:
             size = where[name].stop - where[name].start
-            parts[name] = motions[name] @ own[at : at + size]
+            parts[name] = motions[name] @ basis[at : at + size]
             at += size
         groups.append(FreeGroup(parts))
     return groups
@@ -440,8 +440,8 @@ def acting(scene: Scene, bodies: Mapping[str, Body], time: Array) -> list[tuple[
     forces = []
     for name, body in bodies.items():
         for term in load_terms(scene, name, body, None, straining=False):
-            known = np.zeros(len(time)) if term.name in inputs else laws[term.name].sample(time)
-            forces.append((name, term.pattern, np.concatenate([known, [float(term.name == n) for n in inputs]])))
+            history = np.zeros(len(time)) if term.name in inputs else laws[term.name].sample(time)
+            forces.append((name, term.pattern, np.concatenate([history, [float(term.name == n) for n in inputs]])))
     return forces
 
 
@@ -463,8 +463,8 @@ def unheld(
         # + 0.0: no negative zeros in a sentence
         by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N" if resultant.any() else "by a couple"
         loads = f", its loads out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
-        for name, own in group.motions.items():
-            found.append(([name], f"can {ways_of(own)}{loads if share > BALANCED else ''}"))
+        for name, motions in group.motions.items():
+            found.append(([name], f"can {ways_of(motions)}{loads if share > BALANCED else ''}"))
     if not found:
         return Problems()
     names = [name for part, _ in found for name in part]
@@ -516,7 +516,7 @@ def with_place(
     units: Sequence[InterfaceUnit],
 ) -> dict[str, Conditions]:
     """The conditions with as many displacements of elastic bodies held as there are free motions."""
-    held = dict(conditions)
+    restraints = dict(conditions)
     for group in groups:
         elastic = {n: m for n, m in group.motions.items() if not isinstance(conditions[n], RigidConditions)}
         moved = {n: closest_reduced(conditions[n].expansion, motions) for n, motions in elastic.items()}
@@ -528,9 +528,9 @@ def with_place(
             chosen = _pivots(everything, group.n, _HELD_AT_ALL) or {}
         for name, columns in chosen.items():
             expansion = conditions[name].expansion
-            kept = np.setdiff1d(np.arange(expansion.shape[1]), columns)
-            held[name] = replace(conditions[name], expansion=sp.csr_array(expansion[:, kept]))
-    return held
+            rest = np.setdiff1d(np.arange(expansion.shape[1]), columns)
+            restraints[name] = replace(conditions[name], expansion=sp.csr_array(expansion[:, rest]))
+    return restraints
 
 
 def _off_interfaces(body: Body, expansion: sp.csr_array, units: Sequence[InterfaceUnit]) -> Index:
@@ -558,8 +558,8 @@ def _pivots(moved: Mapping[str, tuple[Index, Array]], n: int, least: float) -> d
         return None
     chosen, first = {}, 0
     for name, (numbers, values) in moved.items():
-        own = order[:n][(order[:n] >= first) & (order[:n] < first + len(values))] - first
-        chosen[name] = numbers[own]
+        dofs = order[:n][(order[:n] >= first) & (order[:n] < first + len(values))] - first
+        chosen[name] = numbers[dofs]
         first += len(values)
     return chosen
 

@@ -47,11 +47,11 @@ PRESSED: Final = 1e-8
 class _Motions:
     """Rigid motions of a body that its conditions allow.
 
-    own : on its full unknowns (n_full, n), those of the state. nodal : of its nodes (3 n_node, n). momentum : M times
-    ``own``.
+    full : on its full unknowns (n_full, n), those of the state. nodal : of its nodes (3 n_node, n). momentum : M times
+    ``full``.
     """
 
-    own: Array
+    full: Array
     nodal: Array
     momentum: Array
 
@@ -61,17 +61,17 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     tractions determine all places. ``size`` : of the tractions that its loads can bring, Pa."""
     units = [unit for unit in problem.units if unit.name in state.traction]
     motions = {name: _motions(problem.bodies[name], problem.conditions[name]) for name in state.displacement}
-    where, total = consecutive({name: m.own.shape[1] for name, m in motions.items()})
+    where, total = consecutive({name: m.full.shape[1] for name, m in motions.items()})
     if not total:
         return state
     largest = max((float(np.abs(f).max(initial=0.0)) for f in state.traction.values()), default=0.0)
     least = PRESSED * max(largest, size)
     relative = {unit.name: _relative(unit, motions, where, total) for unit in units}
-    kept = {unit.name: _kept(unit, state.traction[unit.name], least) for unit in units}
-    free = _left_free(relative, kept, total)
+    fixed = {unit.name: _kept(unit, state.traction[unit.name], least) for unit in units}
+    free = _left_free(relative, fixed, total)
     if not free.shape[1]:
         return state
-    open_ones = {unit.name: ~kept[unit.name][:, 0] for unit in units if unit.behaviour.opens}
+    open_ones = {unit.name: ~fixed[unit.name][:, 0] for unit in units if unit.behaviour.opens}
     gaps = gaps_of(problem, units, state.displacement)
     size = max(float(np.abs(u).max(initial=0.0)) for u in state.displacement.values())
     rooms = np.concatenate([np.zeros(0), *(gaps[name][which] for name, which in open_ones.items())])
@@ -79,11 +79,11 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     rooms[np.abs(rooms) <= _CLOSED * size] = 0.0
     rows = np.concatenate([np.zeros((0, total)), *(relative[n][which, 0] for n, which in open_ones.items())])
     mass, momentum = np.zeros((total, total)), np.zeros(total)
-    for name, own in where.items():
-        mass[own, own] = motions[name].own.T @ motions[name].momentum
-        momentum[own] = motions[name].momentum.T @ state.displacement[name]
+    for name, part in where.items():
+        mass[part, part] = motions[name].full.T @ motions[name].momentum
+        momentum[part] = motions[name].momentum.T @ state.displacement[name]
     shift = free @ _nearest(free.T @ mass @ free, free.T @ momentum, rows @ free, rooms)
-    displacement = {n: u + motions[n].own @ shift[where[n]] for n, u in state.displacement.items()}
+    displacement = {n: u + motions[n].full @ shift[where[n]] for n, u in state.displacement.items()}
     size = max(float(np.abs(u).max(initial=0.0)) for u in displacement.values())
     # nothing acts: every place is that of the scene
     if size == 0.0:
@@ -95,12 +95,12 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
         if name in closure:
             closure[name] = np.where(touches, gap, closure[name])
     # round-off of the iteration is no pressure: a law of the motion would take such points for pressed ones
-    traction = {n: np.where(kept[n], f, 0.0) if n in open_ones else f for n, f in state.traction.items()}
+    traction = {n: np.where(fixed[n], f, 0.0) if n in open_ones else f for n, f in state.traction.items()}
     moved = replace(state, displacement=displacement, closure=closure, traction=traction)
     # what moves with all that it touches is told before the run (``statics.start_remarks``)
-    joined = _left_free(relative, {n: k | (n in open_ones) for n, k in kept.items()}, total)
+    joined = _left_free(relative, {n: k | (n in open_ones) for n, k in fixed.items()}, total)
     apart = free - joined @ (joined.T @ free)
-    names = [n for n, own in where.items() if np.abs(motions[n].nodal @ apart[own]).max(initial=0.0) > _MOVES]
+    names = [n for n, part in where.items() if np.abs(motions[n].nodal @ apart[part]).max(initial=0.0) > _MOVES]
     if not names:
         return moved
     said = f"substructure {', '.join(names)}: only contacts without pressure hold it at t = 0: of all places without "
@@ -108,56 +108,56 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     return replace(moved, remarks=(*state.remarks, Remark("free", said)))
 
 
-def _motions(body: Body, held: Conditions) -> _Motions:
-    if isinstance(held, RigidConditions):
-        n_free = held.expansion.shape[1]
-        own = np.eye(held.expansion.shape[0])[:, :n_free]
-        mass = np.asarray(held.basis.T @ held.body.mass @ held.basis)
-        return _Motions(own, held.nodal @ own, mass @ own)
-    allowed = allowed_motions(body, held)
+def _motions(body: Body, conditions: Conditions) -> _Motions:
+    if isinstance(conditions, RigidConditions):
+        n_free = conditions.expansion.shape[1]
+        motions = np.eye(conditions.expansion.shape[0])[:, :n_free]
+        mass = np.asarray(conditions.basis.T @ conditions.body.mass @ conditions.basis)
+        return _Motions(motions, conditions.nodal @ motions, mass @ motions)
+    allowed = allowed_motions(body, conditions)
     # exactly as the supports allow
-    own = np.asarray(held.expansion @ closest_reduced(held.expansion, allowed))
-    return _Motions(own, own, np.asarray(body.mass @ own))
+    motions = np.asarray(conditions.expansion @ closest_reduced(conditions.expansion, allowed))
+    return _Motions(motions, motions, np.asarray(body.mass @ motions))
 
 
 def _relative(unit: InterfaceUnit, motions: Mapping[str, _Motions], where: Mapping[str, slice], total: int) -> Array:
     """Motions (n_point, n_component, total) of side E' less those of side E."""
     n = unit.behaviour.n_component
-    made = np.zeros((unit.geometry.n_point * n, total))
+    motion = np.zeros((unit.geometry.n_point * n, total))
     for _, side, name in body_sides([unit]):
         trace = unit.geometry.local_trace(side, n)
         if trace is not None and name in motions:
-            made[:, where[name]] += (2 * side - 1) * (trace @ motions[name].nodal)
-    return made.reshape(-1, n, total)
+            motion[:, where[name]] += (2 * side - 1) * (trace @ motions[name].nodal)
+    return motion.reshape(-1, n, total)
 
 
 def _kept(unit: InterfaceUnit, traction: Array, least: float) -> NDArray[np.bool_]:
     """Directions (n_point, n_component) along which the sides of an interface stay as they are."""
-    behaviour, kept = unit.behaviour, np.zeros(traction.shape, dtype=bool)
+    behaviour, fixed = unit.behaviour, np.zeros(traction.shape, dtype=bool)
     # joints that carry nothing at rest
     if behaviour.compliant and not behaviour.elastic:
-        return kept
+        return fixed
     if not behaviour.opens:
         normal, tangential = (getattr(behaviour, f"{d}_stiffness", 1.0) > 0.0 for d in ("normal", "tangential"))
         every = bonds(behaviour)
-        kept[:, 0], kept[:, 1:] = every or normal, every or tangential
-        return kept
+        fixed[:, 0], fixed[:, 1:] = every or normal, every or tangential
+        return fixed
     pressed = traction[:, 0] < -least
-    kept[:, 0] = pressed
+    fixed[:, 0] = pressed
     mu = coulomb_coefficient(behaviour)
     sticks = pressed if isinstance(behaviour, NoSlip) or mu is None or mu > 0.0 else np.zeros_like(pressed)
     sheared = np.abs(traction[:, 1:]).max(axis=1, initial=0.0) > least
-    kept[:, 1:] = (sticks | sheared)[:, None]
-    return kept
+    fixed[:, 1:] = (sticks | sheared)[:, None]
+    return fixed
 
 
-def _left_free(relative: Mapping[str, Array], kept: Mapping[str, NDArray[np.bool_]], total: int) -> Array:
+def _left_free(relative: Mapping[str, Array], fixed: Mapping[str, NDArray[np.bool_]], total: int) -> Array:
     """Combinations (total, n) of the rigid motions that move no side of an interface along a direction it keeps."""
     squares = np.zeros((total, total))
-    for name, own in relative.items():
-        rows = own[kept[name]]
+    for name, motion in relative.items():
+        rows = motion[fixed[name]]
         # a mean: fine faces count no more than coarse ones
-        squares += rows.T @ rows / len(own)
+        squares += rows.T @ rows / len(motion)
     values, vectors = la.eigh(squares)
     return vectors if values[-1] <= 0.0 else np.asarray(vectors[:, values < HELD * values[-1]])
 
@@ -171,8 +171,8 @@ def gaps_of(
         for _, side, name in body_sides([unit]) if unit.name in gaps else ():
             trace = unit.geometry.local_trace(side, 1)
             if trace is not None and name in displacement:
-                held, u = problem.conditions[name], displacement[name]
-                nodal = held.nodal @ u if isinstance(held, RigidConditions) else u
+                conditions, u = problem.conditions[name], displacement[name]
+                nodal = conditions.nodal @ u if isinstance(conditions, RigidConditions) else u
                 gaps[unit.name] += (2 * side - 1) * (trace @ nodal)
     return gaps
 

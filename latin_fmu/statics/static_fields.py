@@ -66,9 +66,9 @@ class StaticRun:
         bonded = f", {len(self.tied.bonded)} bonds eliminated" if self.tied.bonded else ""
         return f"all bodies at once, {self.tied.model.expansion.shape[1]} displacements{bonded}"
 
-    def settings(self, given: SolverSettings) -> SolverSettings:
+    def settings(self, settings: SolverSettings) -> SolverSettings:
         """The rules of the iteration."""
-        return given
+        return settings
 
     def recorder(self, energy: bool) -> Recorder:  # noqa: ARG002, runs with energies are solved body by body
         """That of the run: all displacements at every instant, interfaces."""
@@ -129,9 +129,9 @@ class DisplacementHistories:
 
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
         """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
-        own, where = sp.csr_array(rows), self.march.tied.where[name]
-        shape = own.shape[0], self.histories.shape[2]
-        return sp.csr_array((own.data, own.indices + where.start, own.indptr), shape=shape)
+        matrix, where = sp.csr_array(rows), self.march.tied.where[name]
+        shape = matrix.shape[0], self.histories.shape[2]
+        return sp.csr_array((matrix.data, matrix.indices + where.start, matrix.indptr), shape=shape)
 
     def bond_tractions(self, others: Callable[[slice], Array]) -> dict[int, Array]:
         """Tractions (n_time, k) on side E of each bond, local frames, Pa; ``others`` : forces (n_full, n_instant) of
@@ -141,13 +141,13 @@ class DisplacementHistories:
             return {}
         moved = self.full(slice(None), 0, slice(None)).T
         loads = np.stack([march.load(t) for t in range(n)], axis=1)
-        made = march.bonds.tractions(self.march.tied.model.stiffness @ moved - loads - others(slice(None)))
-        known = {} if self.march.start is None else self.march.start.traction
-        for i, traction in made.items():
+        tractions = march.bonds.tractions(self.march.tied.model.stiffness @ moved - loads - others(slice(None)))
+        start = {} if self.march.start is None else self.march.start.traction
+        for i, traction in tractions.items():
             name = march.problem.units[i].name
             # loads come with the first increment
-            traction[0] = known[name].ravel() if name in known else 0.0
-        return made
+            traction[0] = start[name].ravel() if name in start else 0.0
+        return tractions
 
 
 class StaticRecorder(RecoveredRecorder):
@@ -156,5 +156,5 @@ class StaticRecorder(RecoveredRecorder):
     def _motions_of(self, march: Any, histories: Mapping[str, Array]) -> Any:
         return DisplacementHistories(march, histories[NAME])
 
-    def _gaps_of(self, kept: Array, opening: Array) -> Array:  # noqa: ARG002, gaps are those of the displacements
-        return kept
+    def _gaps_of(self, gaps: Array, opening: Array) -> Array:  # noqa: ARG002, gaps are those of the displacements
+        return gaps

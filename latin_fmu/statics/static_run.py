@@ -71,13 +71,13 @@ class StaticMarch:
         whole = self.whole
         units = self.problem.units
         layout = self.problem.layout
-        made = {unit.name: f_hat[whole.layout.channels(j, 0)] for j, unit in enumerate(whole.units)}
+        by_name = {unit.name: f_hat[whole.layout.channels(j, 0)] for j, unit in enumerate(whole.units)}
         if whole.bonded:
             model, on_points = whole.model, f_hat[whole.channels] * whole.model.channel_area
             forces = model.stiffness @ self._moved - self.load(self.propagator.instant) - model.trace.T @ on_points
             for i, traction in self.bonds.tractions(forces[:, None]).items():
-                made[units[i].name] = traction[0].reshape(layout.channels(i, 0).shape)
-        return {unit.name: made[unit.name] for unit in units}
+                by_name[units[i].name] = traction[0].reshape(layout.channels(i, 0).shape)
+        return {unit.name: by_name[unit.name] for unit in units}
 
     def load(self, instant: int) -> Array:
         """Loads (n_full,) on all bodies at an instant, N."""
@@ -100,20 +100,20 @@ def static_assembly(problem: DiscretisedProblem) -> StaticAssembly:
 
 
 def static_march(
-    problem: DiscretisedProblem, start: InitialState | None, whole: StaticAssembly, kept: Kept | None = None
+    problem: DiscretisedProblem, start: InitialState | None, whole: StaticAssembly, operators: Kept | None = None
 ) -> StaticMarch:
     """A static problem, with its assembly ``whole``, at t = 0.
 
-    start : initial state in the place of that of the scene. kept : operators by ``StaticAssembly.key``, used again and
+    start : initial state in the place of that of the scene. operators : by ``StaticAssembly.key``, used again and
     added to.
 
     Raises
     ------
     SolverError : bodies that nothing holds.
     """
-    known: list[tuple[float, object]] = [] if kept is None else kept.setdefault(whole.key, [])
+    cache: list[tuple[float, object]] = [] if operators is None else operators.setdefault(whole.key, [])
     joined = bool(whole.relative)  # else a matrix without interfaces
-    one = StaticPropagator([whole.model], problem.dt, problem.scene.output.energy, whole.springs, known, joined)
+    one = StaticPropagator([whole.model], problem.dt, problem.scene.output.energy, whole.springs, cache, joined)
     channels = whole.channels
     assembly = Assembly(
         [one],
@@ -149,9 +149,11 @@ def _displace(whole: StaticAssembly, one: StaticPropagator, start: Mapping[str, 
 
 def _impedance(problem: DiscretisedProblem, whole: StaticAssembly) -> Array:
     """Stiffness per area (n_flat,) of both sides of the relative motions in series; of the one that there is."""
-    made = np.zeros(whole.layout.n_flat)
+    impedance = np.zeros(whole.layout.n_flat)
     for j, i in enumerate(whole.relative):
         first, second = (problem.impedance[problem.layout.channels(i, side)] for side in (0, 1))
         both = first * second / np.maximum(first + second, np.finfo(float).tiny)
-        made[whole.layout.channels(j, 0)] = np.where(np.minimum(first, second) > 0.0, both, np.maximum(first, second))
-    return made
+        impedance[whole.layout.channels(j, 0)] = np.where(
+            np.minimum(first, second) > 0.0, both, np.maximum(first, second)
+        )
+    return impedance

@@ -82,7 +82,7 @@ class Stage:
     Attributes
     ----------
     problem, ready : of the stage. rows : its fields at the interfaces. start : initial state, None where it is that of
-        the scene. kept : operators of the static problems. static : whether it is one of those, with loads where
+        the scene. operators : those of the static problems. static : whether it is one of those, with loads where
         ``loaded``. tightened : bolts that it tightens. end : of a static one, its equilibrium, bolts as tightened.
     """
 
@@ -90,7 +90,7 @@ class Stage:
     ready: SolverReadyProblem
     rows: InterfaceRows
     start: InitialState | None
-    kept: Kept | None = None
+    operators: Kept | None = None
     static: bool = False
     loaded: bool = True
     tightened: tuple[str, ...] = ()
@@ -156,9 +156,9 @@ def start_groups(
     scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions], units: list[InterfaceUnit]
 ) -> list[FreeGroup]:
     """Substructures at rest that nothing holds in a static start."""
-    still, kept = resting(scene), static_interfaces(scene)
-    there, held = {n: bodies[n] for n in still}, {n: conditions[n] for n in still}
-    return free_groups(there, held, [u for u in units if u.name in kept])
+    still, joints = resting(scene), static_interfaces(scene)
+    there, restraints = {n: bodies[n] for n in still}, {n: conditions[n] for n in still}
+    return free_groups(there, restraints, [u for u in units if u.name in joints])
 
 
 def start_remarks(
@@ -180,7 +180,7 @@ def static_state(
     whole: DiscretisedProblem,
     amplitudes: Mapping[str, float],
     tight: InitialState | None,
-    kept: Kept,
+    operators: Kept,
     stages: list[Stage] | None = None,
 ) -> InitialState | None:
     """The equilibrium that the motion starts from; None where nothing acts at t = 0.
@@ -199,12 +199,12 @@ def static_state(
     if whole.scene.time.quasi_static or not something_acts(scene):  # without inertia the loads come in its increments
         return tight if tight is None else replace(tight, amplitudes=dict(amplitudes))
     discretised = static_problem(whole, scene)
-    found, state = _solved_start(whole, discretised, amplitudes, tight, kept, stages is not None)
+    found, state = _solved_start(whole, discretised, amplitudes, tight, operators, stages is not None)
     size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
     closed = closed_by_strains(whole, before, state.traction, PRESSED * size)
     if loose := closed or held_by_friction_alone(whole, before, state.traction, PRESSED * size):
         other = static_problem(whole, scene, without=loose)
-        solved = _solved_start(whole, other, amplitudes, tight, kept, stages is not None)
+        solved = _solved_start(whole, other, amplitudes, tight, operators, stages is not None)
         overlaps = _overlaps(whole, solved[1], loose, size)
         if closed and overlaps:
             raise SceneError(overlaps, "the scene cannot be built")
@@ -212,7 +212,9 @@ def static_state(
             discretised, (found, state) = other, solved
     if stages is not None:
         end = state if tight is None else replace(state, bolts=tight.bolts)
-        stages.append(Stage(discretised, found.of_bodies, found.run.recorder.rows, tight, kept, static=True, end=end))
+        stages.append(
+            Stage(discretised, found.of_bodies, found.run.recorder.rows, tight, operators, static=True, end=end)
+        )
     if tight is None:
         return state
     remarks = tuple(dict.fromkeys((*tight.remarks, *state.remarks)))
@@ -232,14 +234,14 @@ def _solved_start(
     discretised: DiscretisedProblem,
     amplitudes: Mapping[str, float],
     tight: InitialState | None,
-    kept: Kept,
+    operators: Kept,
     bodies: bool,
 ) -> tuple[Equilibrium, InitialState]:
     """The static problem ``discretised`` of a start, solved, and its equilibrium, in which interfaces that it lacks
     carry nothing; ``bodies`` as for ``equilibrium``."""
     if (lost := loss_of_equilibrium(discretised)) is not None:
         raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
-    found = equilibrium(discretised, tight, settings_of(whole.scene), kept, bodies)
+    found = equilibrium(discretised, tight, settings_of(whole.scene), operators, bodies)
     converged, sentence = found.run.status()
     if not converged:
         raise _no_start(sentence)
@@ -299,8 +301,8 @@ def static_problem(
     conditions = with_place(groups, bodies, held_in_place(falling, conditions), units)
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
     cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
-    kept = whole.kept if whole.kept is not None and whole.kept.compared else None
-    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
+    operators = whole.kept if whole.kept is not None and whole.kept.compared else None
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, operators).with_classes(moved)
     return at_rest(relieved(problem, falling, moved))
 
 
@@ -314,8 +316,8 @@ def loose_bolts(
     """A problem for every end of a bolt that nothing holds (``bolt_ends``), else for every bolt whose tension nothing
     resists while the bolts of its order are tightened: it could pull bodies without relative motion at any interface,
     open or closed."""
-    still, kept = resting(scene), static_interfaces(scene)
-    units = [unit for unit in units if unit.name in kept]
+    still, joints = resting(scene), static_interfaces(scene)
+    units = [unit for unit in units if unit.name in joints]
     # the ends of the bolts first: what they lean on counts where they are held
     problems = Problems(unheld_ends(cuts.values(), bodies, conditions, units))
     if problems:
@@ -344,7 +346,7 @@ def _pulled_apart(
     moving = np.concatenate([motions[n] @ free[n] for n in motions])
     along = np.concatenate([rigid[n] @ whole[n] for n in motions])
     apart = moving - along @ la.lstsq(along, moving)[0] if along.size and moving.size else moving
-    ends = np.cumsum([len(own) for own in motions.values()])[:-1]
+    ends = np.cumsum([len(motion) for motion in motions.values()])[:-1]
     return dict(zip(motions, np.split(apart, ends), strict=True))
 
 
@@ -393,10 +395,10 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     for table in data["substructure"].values():
         table.pop("modal_damping", None)
     data["point_mass"] = {n: data["point_mass"][n] for n, m in scene.point_mass.items() if m.body in still}
-    kept = static_interfaces(scene)
-    data["interface"] = {n: table for n, table in data["interface"].items() if n in kept}
+    joints = static_interfaces(scene)
+    data["interface"] = {n: table for n, table in data["interface"].items() if n in joints}
     # a dashpot beside the spring
-    data["spring"] = {n: {**table, **_NO_VISCOSITY} for n, table in data["spring"].items() if n in kept}
+    data["spring"] = {n: {**table, **_NO_VISCOSITY} for n, table in data["spring"].items() if n in joints}
     data["coupling"] = {
         n: data["coupling"][n] for n, c in scene.coupling.items() if all(e.body in {GROUND, *still} for e in c.ends)
     }
@@ -434,10 +436,10 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
 def start_data(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> Iterator[Any]:
     """All that the state at t = 0 with tight bolts depends on: its scene, in which a load that begins with 0 does not
     stand, bolts, tolerances, and the numbers of meshes, which scenes name by files."""
-    scene, given = static_scene(whole.scene, amplitudes), settings_of(whole.scene)
+    scene, settings = static_scene(whole.scene, amplitudes), settings_of(whole.scene)
     tables = {key: table for key, table in scene.tables().items() if key not in ("name", "description", "solver")}
     yield toml_text(tables | {"bolt": whole.scene.tables()["bolt"]})
-    yield from (given.tolerance, given.force_tolerance, sorted(amplitudes.items()))
+    yield from (settings.tolerance, settings.force_tolerance, sorted(amplitudes.items()))
     yield from (part for item in whole.elongation.items() for part in item)
     for c in static_problem(whole, scene).classes:
         for member in c.members:
@@ -493,14 +495,14 @@ def _ports(
             acts = loaded and port.causality != "motion_in"
             laws[component] = _raised(_at_start(source, port.law(component), amplitudes) if acts else 0.0)
         causality = "motion_in" if port.causality == "motion_in" else "force_in"
-        kept = {key: value for key, value in tables[name].items() if key != "impedance"}
-        yield name, {**kept, "causality": causality, "laws": laws}
+        table = {key: value for key, value in tables[name].items() if key != "impedance"}
+        yield name, {**table, "causality": causality, "laws": laws}
 
 
 def _at_start(name: str, law: TimeLaw, amplitudes: Mapping[str, float]) -> float:
     """Amplitude of a law at t = 0; that of one set from outside is in ``amplitudes``."""
-    own = float(law.sample(np.zeros(1))[0])
-    return amplitudes.get(name, own) if isinstance(law, InputLaw) else own
+    amplitude = float(law.sample(np.zeros(1))[0])
+    return amplitudes.get(name, amplitude) if isinstance(law, InputLaw) else amplitude
 
 
 def _raised(amplitude: float) -> _Tables:
@@ -510,9 +512,9 @@ def _raised(amplitude: float) -> _Tables:
 _Ramps = dict[str, tuple[float, float]]
 
 
-def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None) -> InitialState:
-    """The equilibrium of press fits and preloads alone (``press_fits``), bolts loose; ``kept`` and ``stages`` as for
-    ``tightened``.
+def fitted(whole: DiscretisedProblem, operators: Kept, stages: list[Stage] | None = None) -> InitialState:
+    """The equilibrium of press fits and preloads alone (``press_fits``), bolts loose; ``operators`` and ``stages`` as
+    for ``tightened``.
 
     Raises
     ------
@@ -523,13 +525,13 @@ def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = N
     scene = scene.model_copy(update={"time": scene.time.model_copy(update={"instants": 1})})
     units = sliding_ones(whole.units)
     problem = replace(static_problem(replace(whole, units=units), scene), ramps=TightBolts().locked(whole.cuts))
-    found = equilibrium(problem, None, settings_of(whole.scene), kept, stages is not None)
+    found = equilibrium(problem, None, settings_of(whole.scene), operators, stages is not None)
     converged, sentence = found.run.status()
     if not converged:
         raise _no_start(f"the press fits are not carried: {sentence}")
     state = found.state({})
     if stages is not None:
-        stages.append(Stage(problem, found.of_bodies, found.run.recorder.rows, None, kept, True, False, (), state))
+        stages.append(Stage(problem, found.of_bodies, found.run.recorder.rows, None, operators, True, False, (), state))
     said = [strain_remark(whole.bodies, problem.units, state.displacement, scene.unit_system["m"])]
     said += loose_remarks(problem.units, state.traction, problem.characteristic_traction)
     words = f"press fits closed, {sum(window.iterations for window in found.run.windows)} iterations"
@@ -537,14 +539,14 @@ def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = N
 
 
 def tightened(
-    whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None, start: InitialState | None = None
+    whole: DiscretisedProblem, operators: Kept, stages: list[Stage] | None = None, start: InitialState | None = None
 ) -> InitialState:
     """The equilibrium with all bolts tight and no other load acting.
 
     Parameters
     ----------
-    kept : as for ``DiscretisedProblem.build``. stages : what was solved is added to these. start : state with press
-    fits, before any bolt is tight.
+    operators : ``kept`` of ``DiscretisedProblem.build``. stages : what was solved is added to these. start : state
+    with press fits, before any bolt is tight.
 
     Raises
     ------
@@ -561,7 +563,7 @@ def tightened(
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
         free = [cut.name for cut in group if cut.tension is not None]
         problem = replace(static_problem(whole, scene, free), ramps=ramps)
-        found = equilibrium(problem, state, settings_of(whole.scene), kept, stages is not None)
+        found = equilibrium(problem, state, settings_of(whole.scene), operators, stages is not None)
         converged, sentence = found.run.status()
         windows = found.run.windows
         if not converged:
@@ -577,7 +579,7 @@ def tightened(
         if stages is not None:
             end = replace(state, bolts=bolts)
             rows = found.run.recorder.rows
-            stages.append(Stage(problem, found.of_bodies, rows, before, kept, True, False, names, end))
+            stages.append(Stage(problem, found.of_bodies, rows, before, operators, True, False, names, end))
         # its factors are freed before those of the next order are made
         del found, windows
     assert state is not None, "a scene without bolts"
@@ -590,7 +592,7 @@ def tightened(
 
 def _ramps(group: Sequence[BoltCut], bolts: TightBolts, tensions: Mapping[str, float]) -> _Ramps:
     """First and last amplitude of the load of each bolt: shortening, or tension of those that have a force to reach."""
-    ramps = {name: (kept, kept) for name, kept in bolts.shortening.items()}
+    ramps = {name: (amount, amount) for name, amount in bolts.shortening.items()}
     for cut in group:
         force, shortening = cut.tension, cut.table.shortening
         if force is not None:
@@ -615,11 +617,11 @@ def _locked(
     """The bolts with the shortenings that those of an order have in a state, and the tensions of all."""
     shortening = dict(bolts.shortening)
     for cut in group:
-        force, given = cut.tension, cut.table.shortening
+        force, prescribed = cut.tension, cut.table.shortening
         if force is not None:
             shortening[cut.name] = cut.shortening(force, state.displacement[cut.table.substructure])
-        elif given is not None:
-            shortening[cut.name] = given
+        elif prescribed is not None:
+            shortening[cut.name] = prescribed
     now = _tensions(cuts, shortening, state)
     return TightBolts(
         shortening, (*bolts.orders, order), {name: (*bolts.forces.get(name, ()), force) for name, force in now.items()}
