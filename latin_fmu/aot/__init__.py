@@ -72,14 +72,14 @@ def _key(manifest: str, *parts: str) -> str:
 def _objects(folder: Path, targets: Sequence[str], key: str) -> dict[str, bytes]:
     """Object files of the kernels; those of a key that are in the folder are read, others made and kept there."""
     paths = {target: folder / f"_kernels-{target}.o" for target in targets}
-    known = {target: path.read_bytes() for target, path in paths.items() if path.is_file()}
+    contents = {target: path.read_bytes() for target, path in paths.items() if path.is_file()}
     # the key stands before the content: an object file of other sources is read as none
-    there = {target: content[len(key) :] for target, content in known.items() if content.startswith(key.encode())}
-    made = _make([target for target in targets if target not in there])
+    there = {target: content[len(key) :] for target, content in contents.items() if content.startswith(key.encode())}
+    objects = _make([target for target in targets if target not in there])
     folder.mkdir(parents=True, exist_ok=True)
-    for target, content in made.items():
+    for target, content in objects.items():
         paths[target].write_bytes(key.encode() + content)
-    return there | made
+    return there | objects
 
 
 def _make(targets: Sequence[str]) -> dict[str, bytes]:
@@ -94,7 +94,7 @@ def _make(targets: Sequence[str]) -> dict[str, bytes]:
     whole = lowering.joined(modules, exported, shared())
     plain = whole.as_bitcode()
     optimised: dict[str, bytes] = {}
-    made = {}
+    objects = {}
     for target in targets:
         kind = linking.TARGETS[target]
         if kind.cpu not in optimised:  # one processor: its code serves every operating system
@@ -104,8 +104,8 @@ def _make(targets: Sequence[str]) -> dict[str, bytes]:
         content = lowering.emit(llvm.parse_bitcode(optimised[kind.cpu]), kind)
         if target.startswith("linux"):
             linking.check(content)
-        made[target] = content
-    return made
+        objects[target] = content
+    return objects
 
 
 def _kernels() -> Iterator[Kernel]:
@@ -137,6 +137,6 @@ def host() -> str | None:
     """Target of this machine; None where there is none for it."""
     from .linking import TARGETS
 
-    own = library.target()
-    musl = own.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")  # linked to glibc
-    return own if own in TARGETS and not musl else None
+    target = library.target()
+    musl = target.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")  # linked to glibc
+    return target if target in TARGETS and not musl else None

@@ -56,12 +56,12 @@ class Dispatchers:
         return context.resolve_value_type(self._intrinsics[later])
 
 
-def _by_types(made: Any) -> Any:
+def _by_types(dispatcher: Any) -> Any:
     """The dispatcher, which compiles for the types of its arguments and not once more for every constant among them."""
-    original, unliteral = made.get_call_template, cast(Any, types.unliteral)
+    original, unliteral = dispatcher.get_call_template, cast(Any, types.unliteral)
 
     def template(arguments: Any, keywords: Any) -> Any:
         return original(tuple(unliteral(a) for a in arguments), {k: unliteral(a) for k, a in keywords.items()})
 
-    made.get_call_template = template
-    return made
+    dispatcher.get_call_template = template
+    return dispatcher

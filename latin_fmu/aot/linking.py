@@ -146,7 +146,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
     """
     library.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-        made, source = Path(folder) / library.name, Path(folder) / "manifest.c"
+        output, source = Path(folder) / library.name, Path(folder) / "manifest.c"
         (Path(folder) / "kernels.o").write_bytes(content)
         export = "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
         text = manifest.replace("\n", "\\n")
@@ -171,7 +171,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             "-s",
             *(("-DLATIN_FMU_WIDE",) if target.cpu == "x86-64-v3" else ()),
             "-o",
-            str(made),
+            str(output),
             str(Path(folder) / "kernels.o"),
             str(_STUB),
             str(source),
@@ -188,5 +188,5 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             raise LinkError(f"{' '.join(command[1:4])} for {target.zig}: {done.stderr.strip()}")
         if "linux" in target.zig:
             # those of the stub are defined now
-            check(made.read_bytes(), C_LIBRARY | FUNCTIONS)
-        os.replace(made, library)  # whole or not at all
+            check(output.read_bytes(), C_LIBRARY | FUNCTIONS)
+        os.replace(output, library)  # whole or not at all

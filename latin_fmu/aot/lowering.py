@@ -64,14 +64,14 @@ class _Library(codegen.JITCodeLibrary):
     def has_dynamic_globals(self) -> bool:
         return False
 
-    def collect(self, known: dict[int, _Library]) -> None:
+    def collect(self, libraries: dict[int, _Library]) -> None:
         """Add this one and those it calls to the known ones, by their identity."""
-        if id(self) in known:  # a kernel is reached over as many ways as there are chains of calls to it
+        if id(self) in libraries:  # a kernel is reached over as many ways as there are chains of calls to it
             return
-        known[id(self)] = self
+        libraries[id(self)] = self
         for other in self._linking_libraries:
             if isinstance(other, _Library):  # numba's run time of this process is another
-                other.collect(known)
+                other.collect(libraries)
 
     @property
     def code(self) -> Any:
@@ -289,7 +289,7 @@ def machine(target: Target) -> Any:
 def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str] = ()) -> Any:
     """One module of all, with only the exported functions visible; functions whose names begin as ``shared`` says are
     not inlined."""
-    names, kept = set(exported), tuple(shared)
+    names, prefixes = set(exported), tuple(shared)
     parts = list(modules)
     for module in parts:
         for function in module.functions:  # several modules hold the same helpers of numba
@@ -302,7 +302,7 @@ def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str
             function.add_function_attribute("alwaysinline")
     for item in (*whole.functions, *whole.global_variables):
         if not item.is_declaration and item.name not in names:
-            if kept and item.name.startswith(kept):
+            if prefixes and item.name.startswith(prefixes):
                 item.add_function_attribute("noinline")
             # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
             # a kernel that uses Python would become one that fails

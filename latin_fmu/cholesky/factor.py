@@ -109,12 +109,12 @@ class CholeskyFactor:
         self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         _check_finite(matrix)
         # rows and places of panels follow from the matrix and its order: they need no part in the name
-        given = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
-        self.name = store.name("factor", *given)
-        made = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
-        self.panels: NDArray[Any] = made["panels"]
-        self.schur: Array = made["schur"]
-        self.schur_inverse: Array = made["schur_inverse"]
+        key = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
+        self.name = store.name("factor", *key)
+        arrays = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
+        self.panels: NDArray[Any] = arrays["panels"]
+        self.schur: Array = arrays["schur"]
+        self.schur_inverse: Array = arrays["schur_inverse"]
         self.grouped = self.panels.nbytes <= _CACHE
 
     def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
@@ -227,10 +227,10 @@ class CholeskyFactor:
         return out
 
     @staticmethod
-    def _check_rows(name: str, given: int, expected: int) -> None:
+    def _check_rows(name: str, count: int, expected: int) -> None:
         """The compiled substitutions do not check sizes."""
-        if given != expected:
-            raise ValueError(f"{name} has {given} rows; allowed: {expected}")
+        if count != expected:
+            raise ValueError(f"{name} has {count} rows; allowed: {expected}")
 
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""
@@ -334,9 +334,9 @@ class LowRankFactor:
 
     def backward(self, y: Array, x_last: Array) -> Array:
         """Full solution (n, m) from ``forward``, or the y = 0 of the base, and the interface values (n_last, m)."""
-        own, r = y[: len(self.interior)], y[len(self.interior) :]
+        inner, r = y[: len(self.interior)], y[len(self.interior) :]
         weights = self.edge @ x_last + (r if len(r) else 0.0)
-        return self.base.backward(own, x_last) - self.inside.T @ weights
+        return self.base.backward(inner, x_last) - self.inside.T @ weights
 
     def solve(self, b: Array) -> Array:
         """A'^-1 b for b (n, m)."""

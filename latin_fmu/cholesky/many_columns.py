@@ -64,8 +64,8 @@ def solve_on_face(
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:
             continue
-        own, used = rows[row_start[s] : row_start[s + 1]], width - c
-        below, xs = len(own), x[m * (first[s] + c) :].ctypes.data
+        indices, used = rows[row_start[s] : row_start[s + 1]], width - c
+        below, xs = len(indices), x[m * (first[s] + c) :].ctypes.data
         _block(panels, panel_start[s], width, c, below, panel)
         # (L11^-1 x)^T = x^T L11^-T; a lower triangle by rows is an upper one by columns
         fortran(routines[TRMM], (RIGHT, UPPER, PLAIN, PLAIN, m, used, one, block, used, xs, m))
@@ -73,20 +73,20 @@ def solve_on_face(
             b = panel[used * used :].ctypes.data
             fortran(routines[GEMM], (PLAIN, PLAIN, m, below, used, one, xs, m, b, used, zero, gathered, m))
         for i in range(below):
-            to, part = x[m * own[i] : m * own[i] + m], work[m * i : m * i + m]
+            to, part = x[m * indices[i] : m * indices[i] + m], work[m * i : m * i + m]
             for j in range(m):
                 to[j] -= part[j]
     for s in range(len(first) - 2, -1, -1):
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:
             continue
-        own, used = rows[row_start[s] : row_start[s + 1]], width - c
-        below, xs = len(own), x[m * (first[s] + c) :].ctypes.data
+        indices, used = rows[row_start[s] : row_start[s + 1]], width - c
+        below, xs = len(indices), x[m * (first[s] + c) :].ctypes.data
         _block(panels, panel_start[s], width, c, below, panel)
         # a copy, since the rows below one supernode are not side by side in x
         for i in range(below):
-            if own[i] < n_interior:
-                work[m * i : m * i + m] = x[m * own[i] : m * own[i] + m]
+            if indices[i] < n_interior:
+                work[m * i : m * i + m] = x[m * indices[i] : m * indices[i] + m]
             else:
                 work[m * i : m * i + m] = 0.0
         if below > 0:

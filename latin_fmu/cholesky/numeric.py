@@ -104,9 +104,9 @@ def mirror(matrix: Array) -> None:
     """Copy the lower triangle of a square matrix over the upper one."""
     n = len(matrix)
     for first in range(0, n, _TILE):
-        for left in range(0, first + 1, _TILE):  # tile by tile: a whole column does not stay in the cache
+        for column in range(0, first + 1, _TILE):  # tile by tile: a whole column does not stay in the cache
             for i in range(first, min(first + _TILE, n)):
-                for j in range(left, min(left + _TILE, i)):
+                for j in range(column, min(column + _TILE, i)):
                     matrix[j, i] = matrix[i, j]
 
 
@@ -216,9 +216,9 @@ def _store(panel: Array, width: int, below: int, stored: Any) -> None:
 
 
 @kernel
-def _clear_front(begin: int, width: int, own: Index, panel: Array, update: Array, where: Index) -> None:
+def _clear_front(begin: int, width: int, indices: Index, panel: Array, update: Array, where: Index) -> None:
     """Zeros in the front of a supernode, the lower triangle of its update alone, and the places of its rows in it."""
-    below = len(own)
+    below = len(indices)
     panel[:] = 0.0
     for i in range(below):
         for j in range(i + 1):
@@ -226,16 +226,16 @@ def _clear_front(begin: int, width: int, own: Index, panel: Array, update: Array
     for i in range(width):
         where[begin + i] = i
     for i in range(below):
-        where[own[i]] = width + i
+        where[indices[i]] = width + i
 
 
 @kernel
-def _add_to_schur(own: Index, n_interior: int, update: Array, schur: Array) -> None:
+def _add_to_schur(indices: Index, n_interior: int, update: Array, schur: Array) -> None:
     """Add the update of a root of the elimination tree to the lower triangle of ``schur``."""
-    below = len(own)
+    below = len(indices)
     for i in range(below):
         for j in range(i + 1):
-            schur[own[i] - n_interior, own[j] - n_interior] += update[i * below + j]
+            schur[indices[i] - n_interior, indices[j] - n_interior] += update[i * below + j]
 
 
 @kernel
@@ -320,12 +320,12 @@ def factorise(
     n_waiting, top = 0, 0
     for s in range(n_super):
         begin, end = first[s], first[s + 1]
-        own = rows[row_start[s] : row_start[s + 1]]
-        width, below = end - begin, len(own)
+        indices = rows[row_start[s] : row_start[s + 1]]
+        width, below = end - begin, len(indices)
         panel = work[: (width + below) * width]
         # behind the updates of the children, which are still read: moved onto their place below
         update = stack[top : top + below * below]
-        _clear_front(begin, width, own, panel, update, where)
+        _clear_front(begin, width, indices, panel, update, where)
         if not _gather(pointers, neighbours, values, order, position, begin, end, where, panel):
             return OUTSIDE_PATTERN
         base = top
@@ -341,7 +341,7 @@ def factorise(
             return int(begin + info[0] - 1)
         _store(panel, width, below, panels[panel_start[s] : panel_start[s + 1]])
         if is_root[s]:
-            _add_to_schur(own, n_interior, update, schur)
+            _add_to_schur(indices, n_interior, update, schur)
         elif below > 0:
             if base < top:
                 _move_down(below, update, base, stack)
@@ -354,5 +354,5 @@ def factorise(
         # its own places alone: to clear all of ``where`` would cost n per supernode
         where[begin:end] = -1
         for i in range(below):
-            where[own[i]] = -1
+            where[indices[i]] = -1
     return -1

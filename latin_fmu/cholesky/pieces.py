@@ -31,11 +31,11 @@ class Piece:
 
     Attributes
     ----------
-    own : supernodes, ascending. children : pieces below. slot : vector that it sums in, 0 for that of the substitution;
-    it is that of the first child.
+    supernodes : numbers, ascending. children : pieces below. slot : vector that it sums in, 0 for that of the
+    substitution; it is that of the first child.
     """
 
-    own: list[int]
+    supernodes: list[int]
     children: list[Piece]
     slot: int = 0
     rows: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # that sums in its vector reach
@@ -107,12 +107,12 @@ class _Tree:
     def rows_of(self, piece: Piece) -> Index:
         """Rows below the supernodes of a piece."""
         starts, rows = self.shape.row_start, self.shape.rows
-        return np.unique(np.concatenate([rows[:0], *(rows[starts[s] : starts[s + 1]] for s in piece.own)]))
+        return np.unique(np.concatenate([rows[:0], *(rows[starts[s] : starts[s + 1]] for s in piece.supernodes)]))
 
     def columns_of(self, piece: Piece) -> Index:
         """Columns of the supernodes of a piece."""
         first, none = self.shape.first, np.zeros(0, dtype=np.int64)
-        return np.concatenate([none, *(np.arange(first[s], first[s + 1]) for s in piece.own)])
+        return np.concatenate([none, *(np.arange(first[s], first[s + 1]) for s in piece.supernodes)])
 
 
 def pieces(shape: Symbolic) -> tuple[int, int, Index]:
@@ -157,8 +157,8 @@ def _take_vectors(tree: _Tree, piece: Piece, slot: int, free: int) -> int:
     piece.slot, rows = slot, [tree.rows_of(piece)]
     for i, child in enumerate(piece.children):
         # the first child sums in the vector of the piece, so that its sums need not be added to it
-        own = slot if i == 0 else free
-        free = _take_vectors(tree, child, own, max(free, own + 1))
+        vector = slot if i == 0 else free
+        free = _take_vectors(tree, child, vector, max(free, vector + 1))
         rows.append(child.rows)
     piece.rows = np.setdiff1d(np.unique(np.concatenate(rows)), tree.columns_of(piece))
     return free
@@ -166,11 +166,13 @@ def _take_vectors(tree: _Tree, piece: Piece, slot: int, free: int) -> int:
 
 def _ranges(piece: Piece) -> Index:
     """Supernodes of a piece as ranges, first and last + 1."""
-    if not piece.own:
+    if not piece.supernodes:
         return np.zeros(0, dtype=np.int64)
-    own = np.array(piece.own)
-    cuts = np.flatnonzero(np.diff(own) > 1)
-    ends = np.stack([own[np.concatenate([[0], cuts + 1])], own[np.concatenate([cuts, [len(own) - 1]])] + 1], axis=1)
+    numbers = np.array(piece.supernodes)
+    cuts = np.flatnonzero(np.diff(numbers) > 1)
+    ends = np.stack(
+        [numbers[np.concatenate([[0], cuts + 1])], numbers[np.concatenate([cuts, [len(numbers) - 1]])] + 1], axis=1
+    )
     return ends.ravel()
 
 

@@ -66,38 +66,40 @@ def selected_inverse(shape: Symbolic, panels: NDArray[Any], starts: Index, rows:
 
 def _stack_size(sizes: Index, parent: Index, waiting: Index, active: NDArray[np.bool_]) -> int:
     """Largest number of entries of the fronts that are kept for their children; ``waiting`` is used up."""
-    held = largest = 0
+    entries = largest = 0
     has_children = waiting > 0
     # reverse postorder, as the kernel: the front of the parent is the last one kept
     for s in np.flatnonzero(active)[::-1].tolist():
         above = parent[s]
         if above >= 0:
             waiting[above] -= 1
-            held -= int(sizes[above]) ** 2 if waiting[above] == 0 else 0
-        held += int(sizes[s]) ** 2 if has_children[s] else 0
-        largest = max(largest, held)
+            entries -= int(sizes[above]) ** 2 if waiting[above] == 0 else 0
+        entries += int(sizes[s]) ** 2 if has_children[s] else 0
+        largest = max(largest, entries)
     return largest
 
 
 @kernel
-def _inherit(front: Array, size: int, begin: int, width: int, above: Index, own: Index, into: Array, used: int) -> None:
-    """Copy the block of the rows ``own`` from the front (size, size) of the parent, whose columns are ``width`` from
-    ``begin`` on and whose rows are ``above``, behind the ``used`` first rows and columns of ``into``."""
-    n = used + len(own)
-    local = np.empty(len(own), dtype=np.int64)
+def _inherit(
+    front: Array, size: int, begin: int, width: int, above: Index, indices: Index, into: Array, used: int
+) -> None:
+    """Copy the block of the rows ``indices`` from the front (size, size) of the parent, whose columns are ``width``
+    from ``begin`` on and whose rows are ``above``, behind the ``used`` first rows and columns of ``into``."""
+    n = used + len(indices)
+    local = np.empty(len(indices), dtype=np.int64)
     k = 0
-    for i in range(len(own)):
-        if own[i] < begin + width:
-            local[i] = own[i] - begin
+    for i in range(len(indices)):
+        if indices[i] < begin + width:
+            local[i] = indices[i] - begin
             continue
         # both lists ascend: one pass
-        while above[k] < own[i]:
+        while above[k] < indices[i]:
             k += 1
         local[i] = width + k
-    for i in range(len(own)):
+    for i in range(len(indices)):
         line = front[local[i] * size : (local[i] + 1) * size]
         to = into[(used + i) * n + used : (used + i + 1) * n]
-        for j in range(len(own)):
+        for j in range(len(indices)):
             to[j] = line[local[j]]
 
 
@@ -110,9 +112,9 @@ def _extend_front(routines: Index, panel: Array, used: int, below: int, front: A
     zero = 0.0
     top = panel.ctypes.data
     block, product = work[: used * used], work[used * used :]
-    own = block.ctypes.data
+    corner = block.ctypes.data
     # Z_RR = 0 so far: L11^-T L11^-1, the upper factor by columns being L11^-T
-    fortran(routines[GEMM], (PLAIN, TRANSPOSED, used, used, used, one, top, used, top, used, zero, own, used))
+    fortran(routines[GEMM], (PLAIN, TRANSPOSED, used, used, used, one, top, used, top, used, zero, corner, used))
     if below > 0:
         b, z = panel[used * used :].ctypes.data, front[used * n + used :].ctypes.data
         p = product.ctypes.data
@@ -120,7 +122,7 @@ def _extend_front(routines: Index, panel: Array, used: int, below: int, front: A
         fortran(routines[TRMM], (LEFT, UPPER, PLAIN, PLAIN, used, below, one, top, used, b, used))
         # p = B^T Z_RR, whose transpose with the sign turned is Z_RJ
         fortran(routines[SYMM], (RIGHT, UPPER, used, below, one, z, n, b, used, zero, p, used))
-        fortran(routines[GEMM], (PLAIN, TRANSPOSED, used, used, below, one, b, used, p, used, one, own, used))
+        fortran(routines[GEMM], (PLAIN, TRANSPOSED, used, used, below, one, b, used, p, used, one, corner, used))
     for i in range(used):
         for j in range(used):
             front[i * n + j] = block[i * used + j]
@@ -158,25 +160,25 @@ def _selected_inverse(
     panel_start = nodes.panel_start
     stack, front = np.empty(stack_size), np.empty(front_size)
     panel, work = np.empty(panel_size), np.empty(panel_size)
-    left = children.copy()
+    rest = children.copy()
     top = 0
     # from the roots down: a front takes over entries from that of its parent
     for s in range(len(first) - 2, -1, -1):
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:
             continue
-        own, used = rows[row_start[s] : row_start[s + 1]], width - c
-        below, begin = len(own), first[s] + c
+        indices, used = rows[row_start[s] : row_start[s + 1]], width - c
+        below, begin = len(indices), first[s] + c
         n = used + below
         p = parent[s]
         if p >= 0:
             above = rows[row_start[p] : row_start[p + 1]]
             # the whole width: a supernode with a child on the face is used from its first column on
             size = first[p + 1] - first[p] + len(above)
-            kept = stack[top - size * size : top]
-            _inherit(kept, size, first[p], first[p + 1] - first[p], above, own, front, used)
-            left[p] -= 1
-            if left[p] == 0:
+            parent_front = stack[top - size * size : top]
+            _inherit(parent_front, size, first[p], first[p + 1] - first[p], above, indices, front, used)
+            rest[p] -= 1
+            if rest[p] == 0:
                 top -= size * size
         for i in range(n):
             at = panel_start[s] + (c + i) * width + c
@@ -187,8 +189,8 @@ def _selected_inverse(
             for e in range(starts[begin + j], starts[begin + j + 1]):
                 i = pairs[e] - begin
                 if i >= used:
-                    k = np.searchsorted(own, pairs[e])
-                    i = used + k if k < below and own[k] == pairs[e] else -1  # no row of the front: 0 stays
+                    k = np.searchsorted(indices, pairs[e])
+                    i = used + k if k < below and indices[k] == pairs[e] else -1  # no row of the front: 0 stays
                 if i >= 0:
                     out[e] = front[i * n + j]
         if children[s] > 0:

@@ -54,10 +54,10 @@ def forward_one(
         if c >= width:
             continue
         xs = x[first[s] + c : first[s + 1]]
-        own = rows[row_start[s] : row_start[s + 1]]
+        indices = rows[row_start[s] : row_start[s + 1]]
         # from column c on: entry j of a row is that of xs, while rows stay ``width`` apart
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
-        used, below = len(xs), len(own)
+        used, below = len(xs), len(indices)
         # from the last row up: a row of L11^-1 takes the entries before it as they were
         for i in range(used - 1, -1, -1):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
@@ -77,10 +77,10 @@ def forward_one(
                 t1 += l1[j] * value
                 t2 += l2[j] * value
                 t3 += l3[j] * value
-            x[own[i]] -= t0
-            x[own[i + 1]] -= t1
-            x[own[i + 2]] -= t2
-            x[own[i + 3]] -= t3
+            x[indices[i]] -= t0
+            x[indices[i + 1]] -= t1
+            x[indices[i + 2]] -= t2
+            x[indices[i + 3]] -= t3
             at += 4 * width
             i += 4
         while i < below:
@@ -88,7 +88,7 @@ def forward_one(
             total = 0.0
             for j in range(used):
                 total += line[j] * xs[j]
-            x[own[i]] -= total
+            x[indices[i]] -= total
             at += width
             i += 1
 
@@ -114,7 +114,7 @@ def forward_four(
         s1 = x1[begin:end]
         s2 = x2[begin:end]
         s3 = x3[begin:end]
-        own = rows[row_start[s] : row_start[s + 1]]
+        indices = rows[row_start[s] : row_start[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         # from the last row on: row i of a lower triangle reads entries up to i, which are still the old ones
         for i in range(used - 1, -1, -1):
@@ -129,7 +129,7 @@ def forward_four(
             s1[i] = t1
             s2[i] = t2
             s3[i] = t3
-        for i in range(len(own)):
+        for i in range(len(indices)):
             line = panel[at + i * width : at + i * width + used]
             t0 = t1 = t2 = t3 = 0.0
             for j in range(used):
@@ -137,10 +137,10 @@ def forward_four(
                 t1 += line[j] * s1[j]
                 t2 += line[j] * s2[j]
                 t3 += line[j] * s3[j]
-            x0[own[i]] -= t0
-            x1[own[i]] -= t1
-            x2[own[i]] -= t2
-            x3[own[i]] -= t3
+            x0[indices[i]] -= t0
+            x1[indices[i]] -= t1
+            x2[indices[i]] -= t2
+            x3[indices[i]] -= t3
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")
@@ -161,25 +161,25 @@ def backward_one(
         if c >= width:
             continue
         xs = x[first[s] + c : first[s + 1]]
-        own = rows[row_start[s] : row_start[s + 1]]
+        indices = rows[row_start[s] : row_start[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
-        used, below = len(xs), len(own)
+        used, below = len(xs), len(indices)
         at = width * width
         i = 0
         while grouped and i + 4 <= below:
             l0, l1 = panel[at : at + used], panel[at + width : at + width + used]
             l2, l3 = panel[at + 2 * width : at + 2 * width + used], panel[at + 3 * width : at + 3 * width + used]
-            a0 = x[own[i]]
-            a1 = x[own[i + 1]]
-            a2 = x[own[i + 2]]
-            a3 = x[own[i + 3]]
+            a0 = x[indices[i]]
+            a1 = x[indices[i + 1]]
+            a2 = x[indices[i + 2]]
+            a3 = x[indices[i + 3]]
             for j in range(used):
                 xs[j] -= (l0[j] * a0 + l1[j] * a1) + (l2[j] * a2 + l3[j] * a3)
             at += 4 * width
             i += 4
         while i < below:
             line = panel[at : at + used]
-            a0 = x[own[i]]
+            a0 = x[indices[i]]
             for j in range(used):
                 xs[j] -= line[j] * a0
             at += width
@@ -211,21 +211,21 @@ def forward_tile(
         if c >= width:
             continue
         used = width - c
-        own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
+        xs = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         # from the last row up: row i of L11^-1 reads the rows before it, which are still the old ones
         i = used - 1
         while i >= 0:
             if not whole and i >= 3:
                 # all four are computed before one of them is written
-                _four_corner_rows(panel[width * (i - 3 + c) :], width, i - 2, own, tail)
+                _four_corner_rows(panel[width * (i - 3 + c) :], width, i - 2, xs, tail)
                 for j in range(4 * LANES):
-                    own[LANES * (i - 3) + j] = tail[j]
+                    xs[LANES * (i - 3) + j] = tail[j]
                 i -= 4
                 continue
-            one_row(panel[width * (i + c) :], i + 1, own, tail)
+            one_row(panel[width * (i + c) :], i + 1, xs, tail)
             for j in range(LANES):
-                own[LANES * i + j] = tail[j]
+                xs[LANES * i + j] = tail[j]
             i -= 1
         at = width * width
         i = row_start[s]
@@ -233,9 +233,9 @@ def forward_tile(
         while i < last:
             together = 4 if i + 4 <= last else 1
             if together == 4:
-                four_rows(panel[at:], width, used, own, tail)
+                four_rows(panel[at:], width, used, xs, tail)
             else:
-                one_row(panel[at:], used, own, tail)
+                one_row(panel[at:], used, xs, tail)
             for r in range(together):
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
                 for j in range(LANES):
@@ -262,7 +262,7 @@ def backward_tile(
         if c >= width:
             continue
         used = width - c
-        own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
+        xs = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         at = width * width
         i = row_start[s]
@@ -272,22 +272,22 @@ def backward_tile(
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
                 for j in range(LANES):
                     tail[r * LANES + j] = line[j]
-            subtract_four(panel[at:], width, used, tail, own)
+            subtract_four(panel[at:], width, used, tail, xs)
             at += 4 * width
             i += 4
         while i < last:
             # fewer than four rows are left
             tail[:LANES] = x[rows[i] * LANES : rows[i] * LANES + LANES]
-            subtract_one(panel[at:], used, tail, own)
+            subtract_one(panel[at:], used, tail, xs)
             at += width
             i += 1
         for i in range(used):  # L11^-T in place: row i of L11^-1 brings x_i to the rows above and to itself
-            line = own[LANES * i : LANES * i + LANES]
+            line = xs[LANES * i : LANES * i + LANES]
             for j in range(LANES):
                 # with the sign turned, for a kernel that subtracts
                 tail[j] = -line[j]
                 line[j] = 0.0
-            subtract_one(panel[width * (i + c) :], i + 1, tail, own)
+            subtract_one(panel[width * (i + c) :], i + 1, tail, xs)
 
 
 @ordered_kernel

@@ -83,16 +83,16 @@ class Pattern:
 
     def analyse(self) -> Symbolic:
         """The analysis; the matrix is let go."""
-        given = self._given
-        assert given is not None
+        arguments = self._given
+        assert arguments is not None
 
         def make() -> dict[str, NDArray[Any]]:
-            return {name: np.asarray(value) for name, value in asdict(analyse(*given)).items()}
+            return {name: np.asarray(value) for name, value in asdict(analyse(*arguments)).items()}
 
-        known: dict[str, Any] = dict(self._store.remember(self._store.name("analysis", self._digest), make))
-        known |= {name: int(known[name]) for name in ("n_interior", "stack_size")}
+        fields: dict[str, Any] = dict(self._store.remember(self._store.name("analysis", self._digest), make))
+        fields |= {name: int(fields[name]) for name in ("n_interior", "stack_size")}
         self._given = None
-        return Symbolic(**known)
+        return Symbolic(**fields)
 
     def __hash__(self) -> int:
         return hash(self._digest)
@@ -197,14 +197,14 @@ def _stack_size(below: Index, tree: Index, n_children: Index) -> int:
     """Largest number of entries of the updates on the stack, that of the front at hand included."""
     # as ``factorise`` does: the update at hand lies behind those of its children, and is moved down then
     sizes: list[int] = []
-    held = largest = 0
-    for own, parent, children in zip((below**2).tolist(), tree.tolist(), n_children.tolist(), strict=True):
-        largest = max(largest, held + own)
+    total = largest = 0
+    for size, parent, children in zip((below**2).tolist(), tree.tolist(), n_children.tolist(), strict=True):
+        largest = max(largest, total + size)
         for _ in range(children):
-            held -= sizes.pop()
-        if parent >= 0 and own > 0:
-            sizes.append(own)
-            held += own
+            total -= sizes.pop()
+        if parent >= 0 and size > 0:
+            sizes.append(size)
+            total += size
     return largest
 
 

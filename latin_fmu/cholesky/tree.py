@@ -142,17 +142,17 @@ def _amalgamate(
             c = head[p]
             while c != -1:
                 total = width[c] + width[p]
-                held = entries[c] + entries[p]
+                nonzeros = entries[c] + entries[p]
                 size = total * (total + 1) // 2 + total * count[p]
-                join = size == held
+                join = size == nonzeros
                 if relaxed == 1:
                     for i in range(len(limit)):
-                        join |= total <= limit[i] and size - held <= fraction[i] * size
+                        join |= total <= limit[i] and size - nonzeros <= fraction[i] * size
                 if join:
                     owner[c] = p
                     width[p] = total
                     # not ``size``: zeros of earlier joins go on counting
-                    entries[p] = held
+                    entries[p] = nonzeros
                 c = following[c]
     # backwards: the owner of an owner is final, as it has a larger number
     for c in range(n - 1, -1, -1):

@@ -82,14 +82,14 @@ def arguments_of(text: str, names: Mapping[str, Any]) -> tuple[Argument, ...]:
 
 
 def _argument(word: str, dimensions: str | None, names: Mapping[str, Any], text: str) -> Argument:
-    known = names.get(word)
-    if dimensions is not None and isinstance(known, np.dtype):
-        return Block(known, dimensions.count(",") + 1)
-    if dimensions is not None and known is None and word in _ITEMS:
+    kind = names.get(word)
+    if dimensions is not None and isinstance(kind, np.dtype):
+        return Block(kind, dimensions.count(",") + 1)
+    if dimensions is not None and kind is None and word in _ITEMS:
         return Block(np.dtype(word), dimensions.count(",") + 1)
-    if dimensions is None and isinstance(known, Bundle):
-        return known
-    if dimensions is None and known is None and word in _SCALARS:
+    if dimensions is None and isinstance(kind, Bundle):
+        return kind
+    if dimensions is None and kind is None and word in _SCALARS:
         return Scalar(word)
     raise ValueError(
         f"signature {text!r}: {word!r} is unknown; allowed: numbers {', '.join(_SCALARS)}, arrays such as f8[:, ::1] "
@@ -234,11 +234,11 @@ class Entry(Kernel):
 
     @cached_property
     def _calls(self) -> list[tuple[Callable[..., bytes], Callable[..., int], Any]]:
-        known = _library()
-        if known is None:
+        handle = _library()
+        if handle is None:
             return []
         return [
-            (signature.pack, _call_of(known, f"{self.symbol}_{number}"), _RESULTS[signature.result])
+            (signature.pack, _call_of(handle, f"{self.symbol}_{number}"), _RESULTS[signature.result])
             for number, signature in enumerate(self.signatures)
         ]
 
@@ -267,13 +267,13 @@ class Entry(Kernel):
 
     def bound(self, first: Any) -> Callable[..., Any]:
         """The entry with its first argument given, see ``bound``."""
-        known = _library()
-        if known is None or len(self.signatures) != 1:
+        handle = _library()
+        if handle is None or len(self.signatures) != 1:
             return functools.partial(self, first)
         signature, prefix = self.signatures[0], list[Any]()
         # addresses of the first argument, once
         _fill(prefix, signature.arguments[:1], (first,))
-        call, result = _call_of(known, f"{self.symbol}_0"), _RESULTS[signature.result]
+        call, result = _call_of(handle, f"{self.symbol}_0"), _RESULTS[signature.result]
 
         # the default argument keeps the arrays alive as long as the addresses are used
         def call_with(*rest: Any, _kept: Any = first) -> Any:

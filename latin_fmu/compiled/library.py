@@ -134,12 +134,12 @@ def _in_source_tree() -> bool:
 
 def _remedy(portable: bool = False) -> str:
     """How to get a library; ``portable`` : for a processor without AVX2."""
-    own = f"{target()}{PORTABLE}" if portable else ""
-    command = f"python -m latin_fmu.aot {own}".rstrip()
+    name = f"{target()}{PORTABLE}" if portable else ""
+    command = f"python -m latin_fmu.aot {name}".rstrip()
     if _in_source_tree():
         return f"run {command} there (minutes; it needs the packages of pip install -e '.[kernels]')"
     if not __name__.startswith("latin_fmu."):  # the package inside an FMU has a name of its own
-        return f"make the FMU where a library for {own or target()} is: in a source tree {command} makes it"
+        return f"make the FMU where a library for {name or target()} is: in a source tree {command} makes it"
     if portable:
         return f"install from a source tree (pip install -e) and run {command} there"
     return f"install the wheel of this version for {target()}, or from the sources: pip install FOLDER"
@@ -147,13 +147,13 @@ def _remedy(portable: bool = False) -> str:
 
 def shipped() -> dict[str, Path]:
     """Libraries that were made from these very sources, by target: what a copy of the package takes along."""
-    known = digest_of(PACKAGE, sources_of(PACKAGE)).encode()
+    digest = digest_of(PACKAGE, sources_of(PACKAGE)).encode()
     libraries = {
         path.stem.removeprefix("_kernels-"): path
         for folder in (_BUILD, PACKAGE)
         for path in folder.glob("_kernels-*.*")
         # libraries of other platforms cannot be loaded: their text is searched
-        if path.suffix in _SUFFIXES.values() and known in path.read_bytes()
+        if path.suffix in _SUFFIXES.values() and digest in path.read_bytes()
     }
     return dict(sorted(libraries.items()))
 
@@ -162,14 +162,14 @@ def opened(path: Path, package: Path) -> ctypes.CDLL | str:
     """A library, or why it is not to be used."""
     try:
         shared = ctypes.CDLL(str(path))
-        sources, known = manifest(shared)
+        sources, digest = manifest(shared)
         fits: Any = shared.latin_fmu_fits
     except (OSError, AttributeError, ValueError) as error:
         return f"the library of compiled kernels cannot be loaded ({error})"
     if not fits():
         return f"the library of compiled kernels {_PROCESSOR}"
     try:
-        same = digest_of(package, sources) == known
+        same = digest_of(package, sources) == digest
     except OSError:
         same = False
     return shared if same else f"the library of compiled kernels was made from other sources than those in {package}"

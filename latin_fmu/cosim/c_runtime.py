@@ -72,15 +72,15 @@ def _compiled() -> Path:
         atexit.register(shutil.rmtree, build, True)
     if not (build / name).is_file():
         with tempfile.TemporaryDirectory(dir=build) as folder:
-            made = Path(folder) / name
+            output = Path(folder) / name
             files = [str(path) for path in sources() if path.suffix == ".c"]
             more = [] if sys.platform == "win32" else ["-lm"]
             cache = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(build / "zig"))
-            command = [*_compiler(), *_OPTIONS, "-o", str(made), *files, *more]
+            command = [*_compiler(), *_OPTIONS, "-o", str(output), *files, *more]
             done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **cache})
             if done.returncode:
                 raise _missing(f"cannot be compiled here: {done.stderr.strip()[-500:]}")
-            os.replace(made, build / name)  # whole or not at all
+            os.replace(output, build / name)  # whole or not at all
     return build / name
 
 

@@ -52,16 +52,16 @@ class Sources:
     @classmethod
     def of(cls, scene: Scene) -> Sources:
         """The sources of a scene."""
-        given = given_of(scene)
+        inputs = given_of(scene)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-        own = {name: sample(time) for name, sample in _own_laws(scene).items()}
-        varies = any(not isinstance(s.law, ConstantLaw) for s in sources_of(scene) if s.name in own)
-        start = np.array([source.start for source in given], dtype=float)
-        table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
-        names, kinds = tuple(s.name for s in given), tuple(s.drives for s in given)
-        return cls(names, tuple(own), kinds, start, table, len(time) - 1 if varies else -1)
+        laws = {name: sample(time) for name, sample in _own_laws(scene).items()}
+        varies = any(not isinstance(s.law, ConstantLaw) for s in sources_of(scene) if s.name in laws)
+        start = np.array([source.start for source in inputs], dtype=float)
+        table = np.stack([*laws.values()], axis=1)[: None if varies else 1] if laws else np.zeros((1, 0))
+        names, kinds = tuple(s.name for s in inputs), tuple(s.drives for s in inputs)
+        return cls(names, tuple(laws), kinds, start, table, len(time) - 1 if varies else -1)
 
-    def own(self, scene: Scene, time: Array) -> Array:
+    def law_amplitudes(self, scene: Scene, time: Array) -> Array:
         """Amplitudes of the own laws at other instants, (n, n_law)."""
         laws = _own_laws(scene)
         return np.stack([laws[name](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
@@ -72,10 +72,10 @@ class Sources:
     def initial(self) -> Array:
         """Amplitudes at the first two instants for the start values of the inputs, (2, n)."""
         # driven by its rate
-        held = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start) if self.inputs else self.start
+        start = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start) if self.inputs else self.start
         # instants 0 and 1; of a table of one row that row twice
-        own = self.table[[0, min(1, len(self.table) - 1)]]
-        return np.concatenate([np.stack([held, held]), own], axis=1)
+        rows = self.table[[0, min(1, len(self.table) - 1)]]
+        return np.concatenate([np.stack([start, start]), rows], axis=1)
 
     def named(self, amplitudes: Array) -> dict[str, Array]:
         """Histories (n_time, n) by name."""
@@ -127,8 +127,8 @@ class Drives:
             propagator.restart()
         if state is not None:
             motions, ground = unpacked_motions(assembly, state)
-            for propagator, given in zip(assembly.propagators, motions, strict=True):
-                propagator.forcing.set_motion_state(given)
+            for propagator, motion in zip(assembly.propagators, motions, strict=True):
+                propagator.forcing.set_motion_state(motion)
         # instants count from the start of the segment
         time: Array = np.arange(float(len(amplitudes)))
         self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
@@ -278,7 +278,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     # behind ``place``: the constant part alone is in the image already
     table[:, -1] = np.concatenate(base)
     # free is an input with a column, but for a displacement, whose initial value is part of the geometry
-    held = np.where(
+    constraint = np.where(
         linear,
         np.where(kinds == DISPLACEMENT, BY_VALUE, FREE),
         np.where(np.isin(kinds, (LOAD, WAVE)), BY_VALUE, BY_BOTH),
@@ -286,7 +286,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     return {
         "opening_place": place.astype(np.int64),
         "opening": sp.csr_array(table[place]),
-        "input_held": held.astype(np.int64),
+        "input_held": constraint.astype(np.int64),
     }
 
 

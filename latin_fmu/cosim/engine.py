@@ -131,12 +131,12 @@ class Engine:
         return [text for status, text in self._messages if status == WARNING]
 
     # -- steps ----------------------------------------------------------------------------------------------------
-    def initialize(self, start: float, given: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
+    def initialize(self, start: float, inputs: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
         """Begin a simulation, from whatever state.
 
         Parameters
         ----------
-        start : time of the simulation, s. given : (n_input, 2) value and rate of the inputs. histories : times and
+        start : time of the simulation, s. inputs : (n_input, 2) value and rate of the inputs. histories : times and
             amplitudes by number of an input, for prescribed mode, which solves the interval here.
 
         Raises
@@ -147,8 +147,8 @@ class Engine:
         for i, (times, values) in histories.items():
             t, a = (np.ascontiguousarray(part, dtype=float) for part in (times, values))
             self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a))))
-        row, inputs = np.zeros(self._n_output), np.ascontiguousarray(given, dtype=float)
-        arguments = c_double(start), c_void_p(address(inputs)), c_void_p(address(row))
+        row, block = np.zeros(self._n_output), np.ascontiguousarray(inputs, dtype=float)
+        arguments = c_double(start), c_void_p(address(block)), c_void_p(address(row))
         status = self._call("initialize", *arguments)
         if status == DISCARD:
             raise InputError([Problem("session", self._message())], "the session cannot start")
@@ -159,13 +159,13 @@ class Engine:
         if status > WARNING:
             raise SolverError(self._message())
 
-    def step(self, t: float, h: float, early: bool, given: Array) -> Step:
+    def step(self, t: float, h: float, early: bool, inputs: Array) -> Step:
         """Make a communication step.
 
-        given : (n_input, 2) value and rate of the inputs, C-contiguous.
+        inputs : (n_input, 2) value and rate of the inputs, C-contiguous.
         """
         row = np.empty(self._n_output)
-        status = self._call("step", t, h, early, given.ctypes.data, self._end_at, row.ctypes.data)
+        status = self._call("step", t, h, early, inputs.ctypes.data, self._end_at, row.ctypes.data)
         if status > WARNING:
             return Step(status, self._message(), 0.0, 0)
         self.row = row
@@ -213,17 +213,17 @@ class Engine:
         """Value and rate of the inputs as they are, and at the start, (n_input, 2) each, copies."""
         view = self._view()
         n = 2 * self._n_input
-        given, first = (np.array([part[i] for i in range(n)]).reshape(-1, 2) for part in (view.given, view.first))
-        return given, first
+        now, first = (np.array([part[i] for i in range(n)]).reshape(-1, 2) for part in (view.given, view.first))
+        return now, first
 
     def histories(self) -> dict[int, tuple[Array, Array]]:
         """Histories of prescribed mode by number of the input."""
-        view, made = self._view(), dict[int, tuple[Array, Array]]()
+        view, histories = self._view(), dict[int, tuple[Array, Array]]()
         for i in range(self._n_input):
             of = view.histories[i]
             if of.n:
-                made[i] = np.array(of.t[: of.n]), np.array(of.value[: of.n])
-        return made
+                histories[i] = np.array(of.t[: of.n]), np.array(of.value[: of.n])
+        return histories
 
     def window(self) -> tuple[Array, Array]:
         """Instants (n,) of the last step, s since the start, and fields of the points at them, (n, n_field), copies."""
@@ -235,10 +235,10 @@ class Engine:
         return times, np.ctypeslib.as_array(view.fields, (n, size)).copy()
 
     # -- states ---------------------------------------------------------------------------------------------------
-    def snapshot(self, given: Array) -> bytes:
+    def snapshot(self, inputs: Array) -> bytes:
         """Everything that determines the next steps and the outputs, with these inputs (n_input, 2), as bytes."""
-        inputs = np.ascontiguousarray(given, dtype=float)
-        self._function("give")(self._handle, c_void_p(address(inputs)))
+        block = np.ascontiguousarray(inputs, dtype=float)
+        self._function("give")(self._handle, c_void_p(address(block)))
         state, size = c_void_p(), c_size_t()
         self._done(self._of_fmi("GetFMUState", byref(state)))
         try:

@@ -163,16 +163,16 @@ class HandedRun:
         if method is not None:
             method(what, a, b, c)
 
-    def _tabulate(self, made: int, n: int) -> None:
+    def _tabulate(self, steps: int, n: int) -> None:
         """Let the table of the laws of the scene hold the next n time steps, beyond the end of the scene too."""
         sources, image = self._run.sources, self._run.image
         first, end = int(image.run[0]["law_first"]), sources.end
-        if end < 0 or first <= made <= first + end - n:
+        if end < 0 or first <= steps <= first + end - n:
             return
         # the table of the scene where it reaches, else one that begins here
-        first = 0 if made + n <= end else made
+        first = 0 if steps + n <= end else steps
         instants = self._run.drives.dt * np.arange(first, first + end + 1.0)
-        table = sources.table if first == 0 else sources.own(self._run.scene, instants)
+        table = sources.table if first == 0 else sources.law_amplitudes(self._run.scene, instants)
         at = image.run_fields["law_table"]
         image.fixed[at : at + table.size] = table.ravel()
         image.set({"law_first": first})

@@ -99,9 +99,9 @@ class PortInputs(InputKind):
         """The scene with other laws of these inputs, by name."""
         new: dict[str, Port] = {}
         for name, port in self.acting(scene).items():
-            given = {component: laws[source] for source, component in port.inputs(name).items() if source in laws}
-            if given:
-                new[name] = port.model_copy(update={"laws": {**port.laws, **given}})
+            changes = {component: laws[source] for source, component in port.inputs(name).items() if source in laws}
+            if changes:
+                new[name] = port.model_copy(update={"laws": {**port.laws, **changes}})
         return self.updated(scene, new)
 
 
@@ -200,9 +200,9 @@ def settable_of(scene: Scene) -> dict[str, TimeLaw]:
 
 def acting_of(scene: Scene) -> list[str]:
     """What loads or moves a body without anything set from outside, in words; empty where nothing does."""
-    own = [source for source in sources_of(scene) if not isinstance(source.law, InputLaw)]
+    sources = [source for source in sources_of(scene) if not isinstance(source.law, InputLaw)]
     # names of loads alone have no dot
-    named = [(source.name if "." in source.name else f"load {source.name}", source.law) for source in own]
+    named = [(source.name if "." in source.name else f"load {source.name}", source.law) for source in sources]
     return [*(f"{name} ({getattr(law, 'type', 'own law')})" for name, law in named), *scene.standing]
 
 

@@ -44,7 +44,7 @@ class GivenLoads:
 
     Attributes
     ----------
-    value, rate : amplitude at the start of the next step and its rate (1/s), by load. given : (n, 2) both, in the order
+    value, rate : amplitude at the start of the next step and its rate (1/s), by load. table : (n, 2) both, in the order
     of the loads. histories : by load.
     """
 
@@ -56,7 +56,7 @@ class GivenLoads:
         """Set every load to its start value; remove the histories."""
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
-        self._set_given()
+        self._set_table()
         self._initial = dict(self._start)  # values when the simulation began
         self.histories: Histories = {}
 
@@ -69,7 +69,7 @@ class GivenLoads:
         """Set value and rate. Raises InputError for a load that is not set from outside."""
         self._check(name)
         self.value[name], self.rate[name] = float(value), float(rate)
-        self._set_given()
+        self._set_table()
 
     def get(self, name: str) -> tuple[float, float]:
         """Value and rate that were set. Raises InputError for a load that is not set from outside."""
@@ -87,8 +87,8 @@ class GivenLoads:
             allowed = ", ".join(self._start) or 'none: give a load, a driven face or the ground law = "input"'
             raise InputError([Problem(variable_of(name), "not set from outside", None, allowed)])
 
-    def _set_given(self) -> None:
-        self.given: Array = np.array([[*self.value.values()], [*self.rate.values()]]).T.copy()
+    def _set_table(self) -> None:
+        self.table: Array = np.array([[*self.value.values()], [*self.rate.values()]]).T.copy()
 
     def begin(self) -> None:
         """Start a simulation with the present values."""
@@ -105,12 +105,12 @@ class GivenLoads:
             curves[name] = (tuple(map(float, times)), tuple(map(float, values)))
         return curves
 
-    def take(self, given: Array, first: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
+    def take(self, now: Array, first: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
         """Take the inputs of a restored state: values and rates as they are and at the start, (n, 2), histories by
         number."""
         names = self.names
-        self.value, self.rate = (dict(zip(names, column.tolist(), strict=True)) for column in given.T)
-        self._set_given()
+        self.value, self.rate = (dict(zip(names, column.tolist(), strict=True)) for column in now.T)
+        self._set_table()
         self._initial = dict(zip(names, first[:, 0].tolist(), strict=True))
         self.histories = {names[i]: history for i, history in histories.items()}
 

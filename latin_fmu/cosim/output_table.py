@@ -61,8 +61,8 @@ class FacePoints(NamedTuple):
         areas = history.areas
         nothing = np.zeros(0)
         gap = nothing if fields.gap is None else fields.gap
-        own = fields.traction, fields.velocity, gap, fields.contact_status
-        return cls(*own, areas, areas / areas.sum(), history.normals)
+        columns = fields.traction, fields.velocity, gap, fields.contact_status
+        return cls(*columns, areas, areas / areas.sum(), history.normals)
 
     def means(self) -> Array:
         """Mean velocities of both sides, weighted by area, (n, 2, 3), m s-1."""

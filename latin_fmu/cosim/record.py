@@ -43,16 +43,16 @@ class Record:
         """Forget what was recorded: a communication step begins."""
         self.segments, self._first = [], -1
 
-    def about_to(self, made: int, whole: int) -> None:
-        """Before a call of the kernels, after ``made`` time steps; ``whole`` : those of the communication step."""
+    def about_to(self, steps: int, whole: int) -> None:
+        """Before a call of the kernels, after so many time ``steps``; ``whole`` : those of the communication step."""
         image = self._run.image
-        if made == 0:  # the state at t = 0 follows from the inputs
+        if steps == 0:  # the state at t = 0 follows from the inputs
             image.call(entries.PRESENT, self._rule, whole)
-        if made <= self._first:  # once more, up to a contact event
+        if steps <= self._first:  # once more, up to a contact event
             self.segments = []
         if not self.segments:
-            self._first = made
-        self._made, self._before = made, image.state.copy()
+            self._first = steps
+        self._made, self._before = steps, image.state.copy()
 
     def have_made(self, n: int) -> None:
         """After a call of the kernels that made n time steps."""
@@ -72,15 +72,15 @@ class Record:
         self._keep(recorder, 1, n)
         self.segments.append(self._segment(recorder))
 
-    def _opened(self, start: Array, amplitudes: Array, made: int) -> Recorder:
-        """A recorder of the time steps with these amplitudes (n + 1, n_source), from a motion state, after ``made``; it
-        has kept the state in the image as its first instant."""
+    def _opened(self, start: Array, amplitudes: Array, steps: int) -> Recorder:
+        """A recorder of the time steps with these amplitudes (n + 1, n_source), from a motion state, after so many
+        ``steps``; it has kept the state in the image as its first instant."""
         run, image = self._run, self._run.image
         assembly, problem = run.problem.assembly, run.problem
         motions, ground = unpacked_motions(assembly, start)
-        for c, (propagator, given) in enumerate(zip(assembly.propagators, motions, strict=True)):
-            propagator.resume(image, c, given)
-        time = run.drives.dt * np.arange(made, made + float(len(amplitudes)))
+        for c, (propagator, motion) in enumerate(zip(assembly.propagators, motions, strict=True)):
+            propagator.resume(image, c, motion)
+        time = run.drives.dt * np.arange(steps, steps + float(len(amplitudes)))
         problem.timeline.begin(assembly, time, run.sources.named(amplitudes), ground, run.drives.dt)
         recorder = Recorder(assembly, problem.output, problem.info)
         image.set({"first_row": 0})
@@ -121,16 +121,16 @@ class WholeRecord(Record):
         image = self._run.image
         laws = self._run.sources.table
         n = len(amplitudes)
-        own = laws[:n] if len(laws) >= n else np.broadcast_to(laws[-1], (n, laws.shape[1]))
+        rows = laws[:n] if len(laws) >= n else np.broadcast_to(laws[-1], (n, laws.shape[1]))
         image.call(entries.PRESENT, _PATH, 1)
         drives = image.field("drive", image.rows, int(image.run_fields["n_drive"]))
         start = drives[0, : int(image.run_fields["n_motion_state"])].copy()
         self._run.run.windows, self.segments = WindowList(), []
-        self._recorder = self._opened(start, np.concatenate([amplitudes, own], axis=1), 0)
+        self._recorder = self._opened(start, np.concatenate([amplitudes, rows], axis=1), 0)
 
-    def about_to(self, made: int, _whole: int) -> None:
+    def about_to(self, steps: int, _whole: int) -> None:
         """As for ``Record``."""
-        self._made = made
+        self._made = steps
 
     def have_made(self, n: int) -> None:
         """As for ``Record``."""

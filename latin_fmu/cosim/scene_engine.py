@@ -124,7 +124,7 @@ class SceneEngine:
         histories, names = dict[int, tuple[Array, Array]](), self.run.sources.inputs
         if self._settings.prescribed:
             histories = {names.index(name): history for name, history in loads.histories.items()}
-        engine.initialize(t0, loads.given, histories)
+        engine.initialize(t0, loads.table, histories)
 
     def begin_step(self) -> None:
         """Before a communication step that is recorded."""
@@ -141,28 +141,28 @@ class SceneEngine:
         """
         engine = self.ready(loads.starts()) if self.engine is None else self.engine
         engine.restore(state)
-        given, first = engine.inputs()
-        known = GivenLoads(self._scene)
-        known.take(first, first, engine.histories())
-        starts = known.starts()
+        now, first = engine.inputs()
+        start = GivenLoads(self._scene)
+        start.take(first, first, engine.histories())
+        starts = start.starts()
         if engine.phase == STEP and self.ready(starts) is not engine:  # it was made for another start
             assert self.engine is not None
             engine = self.engine
             engine.restore(state)
-        loads.take(given, first, engine.histories())
+        loads.take(now, first, engine.histories())
         return engine
 
-    def _notify(self, what: int, made: int, n: int, whole: int) -> None:
+    def _notify(self, what: int, steps: int, n: int, whole: int) -> None:
         """Called by the engine before (ABOUT_TO) and after it has called the kernels."""
         if self._record is None:
             return
         if what == ABOUT_TO:
-            if made == 0 and isinstance(self._record, WholeRecord):
+            if steps == 0 and isinstance(self._record, WholeRecord):
                 assert self.run is not None
                 assert self.engine is not None
                 first, histories = self.engine.inputs()[1], self.engine.histories()
                 self._record.open(amplitudes_of(self.run, first, histories, self._scene.time.n_step))
-            self._record.about_to(made, whole)
+            self._record.about_to(steps, whole)
         else:
             with np.errstate(all="ignore"):
                 self._record.have_made(n)
@@ -172,10 +172,10 @@ class SceneEngine:
         that of the causal line."""
         assert self.run is not None
         image, names = self.run.image, self.run.sources.inputs
-        rates, given = np.zeros(len(names)), loads.given.T.copy()
+        rates, table = np.zeros(len(names)), loads.table.T.copy()
         memory = image.field("inputs", inputs.N_MEMORY, len(names)).reshape(-1)
         span, kinds = float(image.field("progress", 9)[3]), np.array(self.run.sources.kinds, dtype=np.int64)
-        inputs.rates(given[0], given[1], memory, kinds, span, self._settings.interpolation, rates)
+        inputs.rates(table[0], table[1], memory, kinds, span, self._settings.interpolation, rates)
         return dict(zip(names, rates.tolist(), strict=True))
 
     # -- what was made --------------------------------------------------------------------------------------------

@@ -86,7 +86,7 @@ class SegmentState:
 
     Attributes
     ----------
-    dt : time step, s. made : time steps so far. run : windows of the present segment, None before the first.
+    dt : time step, s. steps : time steps so far. run : windows of the present segment, None before the first.
     running : energies (J) that the interfaces have dissipated so far, by kind. stored : kinetic and elastic energy at
     t = 0, J, None where it is not known yet or not accounted for.
 
@@ -117,7 +117,7 @@ class SegmentState:
         self._laws = {n: law for n, law in scene.force_laws.items() if isinstance(law, InputLaw)}
         self._amplitudes: dict[str, float] | None = None  # of the static start
         self.timings = Timings()
-        self.made = 0
+        self.steps = 0
         self.running: dict[str, float] = {}
         self.run: Run | None = None
         self.stored: float | None = None
@@ -132,13 +132,13 @@ class SegmentState:
     @property
     def time(self) -> float:
         """The present time, s."""
-        return float(self.instants(self.made, 0)[0])
+        return float(self.instants(self.steps, 0)[0])
 
-    def instants(self, made: int, n: int) -> Array:
+    def instants(self, steps: int, n: int) -> Array:
         """The instant after so many time steps, and the n following ones, (n + 1,), s."""
-        end = made + n + 1
+        end = steps + n + 1
         # beyond the interval of the scene by the step: a session may go on
-        return self._grid[made:end] if end <= len(self._grid) else self.dt * np.arange(made, float(end))
+        return self._grid[steps:end] if end <= len(self._grid) else self.dt * np.arange(steps, float(end))
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
         """Solve the static equilibrium that the scene starts from, before the first segment, for these amplitudes of
@@ -172,9 +172,9 @@ class SegmentState:
             fields = {"n_motion_state": motion_size(assembly)}
             for propagator in assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
-        problem.timeline.begin(assembly, self.instants(self.made, n), loads, self._resumed(), self.dt)
-        given = assembly, problem.output, problem.info
-        recorder = Recorder(*given)
+        problem.timeline.begin(assembly, self.instants(self.steps, n), loads, self._resumed(), self.dt)
+        arguments = assembly, problem.output, problem.info
+        recorder = Recorder(*arguments)
         if self.run is not None:
             self.run.begin_segment(recorder)
         else:
@@ -188,8 +188,8 @@ class SegmentState:
             return {i: GroundState(np.zeros(3), None) for i in assembly.ground.start}
         image = self.run.image
         motions, ground = unpacked_motions(assembly, image.field("motion_state", motion_size(assembly)).copy())
-        for c, (propagator, given) in enumerate(zip(assembly.propagators, motions, strict=True)):
-            propagator.resume(image, c, given)
+        for c, (propagator, motion) in enumerate(zip(assembly.propagators, motions, strict=True)):
+            propagator.resume(image, c, motion)
         return ground
 
     def displacement(self, substructure: str) -> Array:
@@ -215,7 +215,7 @@ class SegmentState:
         if self.run is None:
             return None
         return {
-            "made": self.made,
+            "made": self.steps,
             "start": self._amplitudes,
             "running": dict(self.running),
             "stored": self.stored,
@@ -229,14 +229,14 @@ class SegmentState:
             return
         assert self.run is not None
         self.run.image.state[:] = state["state"]
-        self.made, self.stored, self.running = state["made"], state["stored"], dict(state["running"])
+        self.steps, self.stored, self.running = state["made"], state["stored"], dict(state["running"])
         self._resumed()
 
     def reset(self) -> None:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self.made = 0
+        self.steps = 0
         self.running = {}
         self.stored = None
         self.run = None
@@ -257,7 +257,7 @@ class SegmentedRun(SegmentState):
         ------
         InputError : an end that is not n time steps later.
         """
-        last = (self.made + n) * self.dt
+        last = (self.steps + n) * self.dt
         if n < 1 or not abs(end - last) <= _ON_GRID * self.dt:
             what = f"is not {n} time steps of {self.dt:g} s after {self.time:g} s"
             raise InputError([Problem("end of a segment", what, f"{end!r} s", f"{last!r} s")])
@@ -272,7 +272,7 @@ class SegmentedRun(SegmentState):
         if not segment.converged and (not accept or (self.run is not None and self.run.stopped)):
             self.set_state(before)
             return replace(segment, accepted=False)
-        self.made += n
+        self.steps += n
         if segment.energy is not None:
             for term in RUNNING:
                 if term in segment.energy:

@@ -135,7 +135,7 @@ class Session:
         rates = self._solver.rates(self._loads) if keeps else {}
         if keeps:
             self._solver.begin_step()
-        status, message, end, n = engine.step(float(t), float(h), early, self._loads.given)
+        status, message, end, n = engine.step(float(t), float(h), early, self._loads.table)
         if status > WARNING:
             return refused(message, again=status == DISCARD)
         self.time, self.row = end, engine.row
@@ -199,8 +199,8 @@ class Session:
         It needs coarser runs of the same interval and takes as long as these. Raises InputError as ``dataset``.
         """
         _check_kept(self.settings)
-        given = self._loads.curves(self.scene.time.end)
-        return estimated_error(self.scene, self.settings, list(self.step_history), self._solver, given, self._t0)
+        curves = self._loads.curves(self.scene.time.end)
+        return estimated_error(self.scene, self.settings, list(self.step_history), self._solver, curves, self._t0)
 
     def dataset(self, estimate: bool = False) -> xr.DataTree:
         """Accepted steps as a DataTree: groups of a run, and ``exchange`` with inputs and outputs by step.
@@ -227,7 +227,7 @@ class Session:
         with computable():
             engine = self._solver.ready(self._loads.starts()) if not self.started else self._solver.engine
         assert engine is not None
-        return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.given)
+        return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.table)
 
     def restore(self, blob: bytes, check: bool = True) -> None:
         """Restore a snapshot of this or another session of the same scene and settings; ``check`` has no effect: what
@@ -324,7 +324,7 @@ def estimated_error(
     settings: Settings,
     steps: Sequence[AcceptedStep],
     solver: SceneEngine,
-    given: dict[str, Curve],
+    curves: dict[str, Curve],
     t0: float,
 ) -> ErrorEstimate:
     """Estimated relative error of every quantity of the solved interval.
@@ -332,7 +332,7 @@ def estimated_error(
     The loads set from outside become tables, jumps at communication points included; the coarser runs then are runs of
     a plain scene (see ``estimate_error``).
 
-    given : loads when the session was initialized at ``t0``, s: histories, else constants.
+    curves : loads when the session was initialized at ``t0``, s: histories, else constants.
     """
     from ..accuracy.estimate import estimate_error
 
@@ -344,8 +344,8 @@ def estimated_error(
             return _no_estimate(
                 "the steps from the start on are not known: nothing was solved, or a state was restored"
             )
-        given = curves_of(steps, settings.interpolation, given)
-    plain = _plain_scene(scene, settings, given, segments)
+        curves = curves_of(steps, settings.interpolation, curves)
+    plain = _plain_scene(scene, settings, curves, segments)
     solved = Solution(joined(segments, solver.run.run.timings, solver.run.problem.warnings), plain.text(), plain.name)
     return estimate_error(plain, solved)
 

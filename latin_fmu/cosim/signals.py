@@ -187,15 +187,15 @@ class Signals(SignalPlaces):
             if self._assembly.propagators[c].forcing.moves and trace is not None:
                 # what comes from outside of the velocity of the points: the probed rows are of the free dofs alone
                 moved = sp.csr_array(trace[rows]) @ self._assembly.propagators[c].members[member].imposed_pattern
-                for own, k in np.argwhere(moved):
-                    cells.append((int(to[own]), self._motion(c, 1, int(k), member), float(moved[own, k])))
+                for line, k in np.argwhere(moved):
+                    cells.append((int(to[line]), self._motion(c, 1, int(k), member), float(moved[line, k])))
         where = np.array([*cells, *self._ground_entries(table)]).reshape(-1, 3)
         places = where[:, 0].astype(np.int64), where[:, 1].astype(np.int64)
         return sp.csr_array(sp.coo_array((where[:, 2], places), shape=(width, self.n)))
 
     def _ground_entries(self, table: InterfaceRows) -> list[tuple[int, int, float]]:
         """Velocities of the ground at the points of frictionless interfaces."""
-        made: list[tuple[int, int, float]] = []
+        entries: list[tuple[int, int, float]] = []
         drives, n_x, n_s = self._drives, self._drives.n_state, len(self._drives.sources)
         for e in range(2 * n_s if self.probes.slide.ground else 0):
             amplitudes = np.zeros(2 * n_s)
@@ -204,13 +204,15 @@ class Signals(SignalPlaces):
             for i, velocity in drives.slides().items():
                 if i in self.probes.slide.ground and velocity.any():
                     to = table.slide[i][0, 1].astype(int)
-                    made += [(int(row[k]), self._drive + n_x + e, float(velocity[k])) for row in to for k in range(3)]
-        return made
+                    entries += [
+                        (int(row[k]), self._drive + n_x + e, float(velocity[k])) for row in to for k in range(3)
+                    ]
+        return entries
 
-    def _interface_rows(self, i: int, kept: sp.csr_array) -> dict[str, sp.csr_array]:
+    def _interface_rows(self, i: int, row_matrix: sp.csr_array) -> dict[str, sp.csr_array]:
         """Linear outputs of an interface from the signals, by the names of their rows."""
-        assembly, width = self._assembly, kept.shape[0]
-        own, unit = self._unknowns(i, width), assembly.interfaces[i]
+        assembly, width = self._assembly, row_matrix.shape[0]
+        unknowns, unit = self._unknowns(i, width), assembly.interfaces[i]
         geometry = unit.geometry
         faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
         every = self._unit_fields(i, width)  # of all points at once, then taken apart
@@ -227,28 +229,28 @@ class Signals(SignalPlaces):
             columns = [row.of(points).reshape(len(points.traction), -1) for row in linear if row.of]
             sizes = [column.shape[1] for column in columns]
             blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
-            order.append(own[:, some].ravel())  # as the rows of ``_apart``: unknown, then point
+            order.append(unknowns[:, some].ravel())  # as the rows of ``_apart``: unknown, then point
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
-        rows, ends = sp.csr_array(picked @ kept[np.concatenate(order)]), np.cumsum([0, *sizes])
+        rows, ends = sp.csr_array(picked @ row_matrix[np.concatenate(order)]), np.cumsum([0, *sizes])
         return {row.name: rows[ends[k] : ends[k + 1]] for k, row in enumerate(linear)}
 
     def _unit_fields(self, i: int, width: int) -> PointFields:
         """Fields of an interface whose points all have one of their unknowns 1, (n_unknown, ...): a point depends on
         its own unknowns alone."""
-        own = self._unknowns(i, width)
-        rows = np.zeros((len(own), width))
-        for row, unknowns in zip(rows, own, strict=True):
+        table = self._unknowns(i, width)
+        rows = np.zeros((len(table), width))
+        for row, unknowns in zip(rows, table, strict=True):
             row[unknowns] = 1.0
         return InterfaceRows(self._assembly, rows).fields_of(i, len(rows))
 
-    def _point_fields(self, kept: sp.csr_array) -> dict[str, Any]:
+    def _point_fields(self, row_matrix: sp.csr_array) -> dict[str, Any]:
         """Fields of the record of the run: what describes the points of the interfaces, one interface after the other:
         traction (n_point, 3), velocity (2, n_point, 3), where there is a gap that and contact state (n_point,)."""
         blocks, at = [sp.csr_array((0, self.n))], 0
         status = np.full(len(self._assembly.interfaces), -1, dtype=np.int64)
         for i, unit in enumerate(self._assembly.interfaces):
             n = unit.geometry.n_point
-            own, fields = self._unknowns(i, kept.shape[0]), self._unit_fields(i, kept.shape[0])
+            unknowns, fields = self._unknowns(i, row_matrix.shape[0]), self._unit_fields(i, row_matrix.shape[0])
             parts = [fields.traction.reshape(-1, 1, n, 3), fields.velocity]
             parts += [] if fields.gap is None else [fields.gap.reshape(-1, 1, n, 1)]
             for values in parts:
@@ -256,8 +258,8 @@ class Signals(SignalPlaces):
                 size = int(np.prod(values.shape[1:]))
                 # place in the field (side, point, axis), row by row
                 to = (side * n + p) * values.shape[3] + axis
-                entries = values[unknown, side, p, axis], (to, own[unknown, p])
-                blocks.append(sp.csr_array(sp.coo_array(entries, shape=(size, kept.shape[0]))) @ kept)
+                entries = values[unknown, side, p, axis], (to, unknowns[unknown, p])
+                blocks.append(sp.csr_array(sp.coo_array(entries, shape=(size, row_matrix.shape[0]))) @ row_matrix)
                 at += size
             if fields.gap is not None:
                 blocks.append(sp.csr_array((n, self.n)))  # states: the kernels write them
@@ -329,7 +331,7 @@ class Signals(SignalPlaces):
         signs = [-1.0 if part.startswith("-") else 1.0 for part in parts]
         return sp.csr_array((signs, columns, [0, len(parts)]), shape=(1, self.n))
 
-    def _output_rows(self, kept: sp.csr_array) -> tuple[sp.csr_array, list[tuple[int, int]]]:
+    def _output_rows(self, row_matrix: sp.csr_array) -> tuple[sp.csr_array, list[tuple[int, int]]]:
         """All outputs from the signals, rows of zeros where they are no linear functions; places of outputs and of
         their integrals."""
         numbers = {unit.name: i for i, unit in enumerate(self._assembly.interfaces)}
@@ -343,7 +345,7 @@ class Signals(SignalPlaces):
                 blocks.append(sp.csr_array((len(axes), self.n)))
             elif placed.family is INTERFACE:
                 if placed.name not in linear:
-                    linear[placed.name] = self._interface_rows(numbers[placed.name], kept)
+                    linear[placed.name] = self._interface_rows(numbers[placed.name], row_matrix)
                 blocks.append(linear[placed.name][row.name])
             else:
                 blocks.append(row.of(self, placed.name)[axes])
@@ -363,9 +365,9 @@ class Signals(SignalPlaces):
     def fields(self) -> dict[str, Any]:
         """Fields of the record of the run: outputs from the signals, and what is read point by point."""
         assembly, places = self._assembly, places_of(self._scene)
-        kept, groups = self._kept(), assembly.layout.groups
+        row_matrix, groups = self._kept(), assembly.layout.groups
         constant = [places[name] for placed in outputs_of(self._scene) if placed.row.constant for name in placed.names]
-        matrix, integrals = self._output_rows(kept)
+        matrix, integrals = self._output_rows(row_matrix)
         summary = np.zeros((len(assembly.interfaces), N_SUMMARY), dtype=np.int64)
         share = np.zeros(sum(g.n_point for g in groups))
         first = np.cumsum([0, *(g.n_point for g in groups)])
@@ -393,5 +395,5 @@ class Signals(SignalPlaces):
             "shear": sp.csr_array(sp.vstack(shear)),
             **self._lags(places),
             "no_contact": NO_CONTACT * assembly.characteristic_traction,
-            **self._point_fields(kept),
+            **self._point_fields(row_matrix),
         }

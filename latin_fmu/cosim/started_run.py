@@ -67,5 +67,5 @@ def _held(run: CommunicationRun) -> list[str]:
     """Inputs whose amplitude at the start the image holds for alone."""
     image, names = run.image, run.sources.inputs
     at = image.run_fields["input_held"]
-    held = image.fixed[at : at + len(names)].view(np.int64)
-    return [name for name, kind in zip(names, held.tolist(), strict=True) if kind != FREE]
+    constraints = image.fixed[at : at + len(names)].view(np.int64)
+    return [name for name, kind in zip(names, constraints.tolist(), strict=True) if kind != FREE]

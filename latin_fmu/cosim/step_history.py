@@ -104,19 +104,19 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
     """
     t0 = steps[0].start
     curves: dict[str, Curve] = {}
-    for name, (_, given) in before.items():
+    for name, (_, curve) in before.items():
         first = rule_of(name, rule, steps[0].rate[name])
         # a line starts from the value reached, which is not among those of the step
-        times, values = [0.0], [given[-1] if first == LINE else steps[0].value[name]]
+        times, values = [0.0], [curve[-1] if first == LINE else steps[0].value[name]]
         for step in steps:
             value, h = step.value[name], step.end - step.start
-            own = rule_of(name, rule, step.rate[name])
+            step_rule = rule_of(name, rule, step.rate[name])
             # a jump: two times next to each other, as times of a table must increase
-            if own != LINE and value != values[-1]:
+            if step_rule != LINE and value != values[-1]:
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)
             times.append(step.end - t0)
-            values.append(value if own in (HOLD, LINE) else value + step.rate[name] * h)
+            values.append(value if step_rule in (HOLD, LINE) else value + step.rate[name] * h)
         curves[name] = (tuple(times), tuple(values))
     return curves
 
@@ -156,8 +156,8 @@ def _joined_arrays(parts: Sequence[Array]) -> Array:
 def _joined_fields(parts: Sequence[Any], table: Rows) -> Any:
     """A history over the instants of all parts: its stored fields over time, as far as they are kept."""
     fields = fields_over_time(table, type(parts[0]))
-    kept = (name for name in fields if getattr(parts[0], name) is not None)
-    return replace(parts[0], **{name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept})
+    names = (name for name in fields if getattr(parts[0], name) is not None)
+    return replace(parts[0], **{name: _joined_arrays([getattr(part, name) for part in parts]) for name in names})
 
 
 def _since_the_start(parts: Sequence[dict[str, Array] | None]) -> dict[str, Array] | None:

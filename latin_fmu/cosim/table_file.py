@@ -262,7 +262,7 @@ def _pressed_points(run: CommunicationRun) -> Iterator[tuple[int, int, float, st
         channel, size = group.start + point * group.n_component, group.n_component
         if run.run.f_hat[channel] < 0.0:
             name = next(
-                assembly.interfaces[i].name for i, own in group.members.items() if own.start <= point < own.stop
+                assembly.interfaces[i].name for i, span in group.members.items() if span.start <= point < span.stop
             )
             yield at + channel, size, float(group.parameters[point, 0]) if size > 1 else 0.0, name
 

@@ -109,13 +109,13 @@ def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
             name, "structuralParameter", "fixed", "count", meaning, None, start, minimum=1, maximum=MAX_WINDOW
         )
     size = ("history.size",)
-    given = given_of(scene)
-    if given:
+    sources = given_of(scene)
+    if sources:
         about = (
             "instants of the load histories, increasing; the last is repeated up to the size of the array; all equal"
         )
         yield parameter("history.time", "real", 0.0, f"{about}: none given", unit="s", dimensions=size)
-    for source in given:
+    for source in sources:
         about = f"amplitudes of {variable_of(source.name).replace('.', ' ', 1)} at history.time"
         name = input_variable(source.name, "history")
         yield parameter(name, "real", source.start, about, unit=source.words[0], dimensions=size)

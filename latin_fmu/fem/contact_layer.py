@@ -76,19 +76,19 @@ def without_contact_mass(
     """
     bare = np.zeros(mesh.n_node, dtype=bool)
     bare[nodes] = True
-    follow, left = _followed(mesh, bare)
+    follow, rest = _followed(mesh, bare)
     # these keep their mass: for the spreading below they are inner nodes
-    bare[left] = False
+    bare[rest] = False
     if several_layers and bare.any():
         spread = _spread_mass(mass, mesh, bare, follow)
         # a node without mass has no acceleration: then one layer takes it all
         if spread.diagonal()[np.repeat(~bare, 3)].min() > 0.0:
-            return spread, left
+            return spread, rest
     # dofs are numbered 3 * node + component, hence the order of the factors
     whole = sp.csr_array(sp.kron(follow, sp.eye_array(3)))
     moved = sp.csr_array(whole.T @ mass @ whole)
     moved.eliminate_zeros()
-    return moved, left
+    return moved, rest
 
 
 def _followed(mesh: Mesh, bare: Mask) -> tuple[sp.csr_array, Index]:
@@ -107,11 +107,11 @@ def _means(pairs: Index, n_node: int, of: Mask) -> tuple[sp.csr_array, Index]:
     """Mean over the second nodes of ``pairs`` for each first one, the identity elsewhere; the nodes of ``of`` without
     pair."""
     count = np.bincount(pairs[:, 0], minlength=n_node)
-    kept = np.flatnonzero(count == 0)
-    rows = np.concatenate([pairs[:, 0], kept])
-    columns = np.concatenate([pairs[:, 1], kept])
-    weights: Array = np.concatenate([1.0 / count[pairs[:, 0]], np.ones(len(kept))])
-    return sp.csr_array((weights, (rows, columns)), shape=(n_node, n_node)), kept[of[kept]]
+    others = np.flatnonzero(count == 0)
+    rows = np.concatenate([pairs[:, 0], others])
+    columns = np.concatenate([pairs[:, 1], others])
+    weights: Array = np.concatenate([1.0 / count[pairs[:, 0]], np.ones(len(others))])
+    return sp.csr_array((weights, (rows, columns)), shape=(n_node, n_node)), others[of[others]]
 
 
 def _inner_neighbours(mesh: Mesh, of: Mask, links: Mapping[str, Local], bare: Mask | None = None) -> Index:
@@ -133,17 +133,17 @@ def _spread_mass(mass: sp.csr_array, mesh: Mesh, bare: Mask, follow: sp.csr_arra
     dofs = np.repeat(bare, 3)
     entries = mass.tocoo()
     rows, columns = entries.coords
-    # either row of a coupling keeps its own entry: the inner one here, that of the contact node in ``own``
+    # either row of a coupling keeps its own entry: the inner one here, that of the contact node in ``node_mass``
     crossing = dofs[rows] != dofs[columns]
     inner = ~dofs[rows] & ~dofs[columns]
     inner_mass = sp.csr_array((entries.data[inner], (rows[inner], columns[inner])), shape=mass.shape)
     # rows of inner nodes: what they share with contact nodes goes onto their diagonal, so that row sums stay
     lumped = np.bincount(rows[crossing], entries.data[crossing], len(dofs))
     # components do not couple in a mass: the sum of a row is the mass of its node
-    own = np.where(dofs, mass @ np.ones(len(dofs)), 0.0)
+    node_mass = np.where(dofs, mass @ np.ones(len(dofs)), 0.0)
     layer, pairs = _layers(mesh, bare), _linked(mesh, CELL_LINKS)
     count = max(1, min(LAYERS, int(layer.max(initial=1))))
-    share = sp.csr_array(sp.kron(follow, sp.eye_array(3))).T @ own
+    share = sp.csr_array(sp.kron(follow, sp.eye_array(3))).T @ node_mass
     total = np.where(dofs, 0.0, lumped) + share / count
     for k in range(1, count):
         outwards = pairs[(layer[pairs[:, 0]] == k) & (layer[pairs[:, 1]] == k + 1)]
@@ -225,12 +225,12 @@ def _crossing_times(mesh: Mesh, bare: Mask, speed: Callable[[Array], Array]) -> 
     total, count = np.zeros(mesh.n_node), np.zeros(mesh.n_node)
     for block in mesh.blocks:
         swept = _swept(mesh, block, bare, speed)
-        own = CellBlock(block.cell_type, block.cells[swept > 0.0])
-        volume = points_in(mesh.nodes, own, cell_rule(block.cell_type)).volumes.sum(axis=1)
+        part = CellBlock(block.cell_type, block.cells[swept > 0.0])
+        volume = points_in(mesh.nodes, part, cell_rule(block.cell_type)).volumes.sum(axis=1)
         corners = N_CORNER[block.cell_type]
-        factor = (3.0 if corners in (4, 5) else 1.0) * (0.5 if own.cells.shape[1] > corners else 1.0)
-        np.add.at(total, own.cells, (factor * volume / swept[swept > 0.0])[:, None])
-        np.add.at(count, own.cells, 1.0)
+        factor = (3.0 if corners in (4, 5) else 1.0) * (0.5 if part.cells.shape[1] > corners else 1.0)
+        np.add.at(total, part.cells, (factor * volume / swept[swept > 0.0])[:, None])
+        np.add.at(count, part.cells, 1.0)
     # other nodes of these cells are inner ones
     times: Array = np.divide(total, count, out=np.zeros_like(total), where=bare & (count > 0))
     return times
@@ -245,8 +245,8 @@ def _swept(mesh: Mesh, block: CellBlock, bare: Mask, speed: Callable[[Array], Ar
         corner = mesh.nodes[nodes[:, : FACET_CORNERS[FACET_KIND[len(face)]]]]
         # half the cross product of the diagonals is the vector area of a quadrilateral, warped ones included
         arms = corner[:, 2:] - corner[:, :-2] if corner.shape[1] == 4 else corner[:, 1:] - corner[:, :1]
-        own = np.flatnonzero(bare[nodes].all(axis=1))
-        vectors = 0.5 * np.cross(arms[own, 0], arms[own, 1])
+        facets = np.flatnonzero(bare[nodes].all(axis=1))
+        vectors = 0.5 * np.cross(arms[facets, 0], arms[facets, 1])
         areas = np.linalg.norm(vectors, axis=1)
-        total[own] += areas * speed(vectors / np.maximum(areas, np.finfo(float).tiny)[:, None])
+        total[facets] += areas * speed(vectors / np.maximum(areas, np.finfo(float).tiny)[:, None])
     return total

@@ -54,9 +54,9 @@ def dissected(positions: Array, graph: sp.csr_array) -> tuple[Array, Array]:
             order[end - len(part) : end] = part
             behind[part] = end
             continue
-        own = _part_of(graph, part, number)
-        side = _middle(positions[part], own)
-        if (better := _better(positions[part], own, side)) is not None:
+        subgraph = _part_of(graph, part, number)
+        side = _middle(positions[part], subgraph)
+        if (better := _better(positions[part], subgraph, side)) is not None:
             side = better
         low, between, high = (part[side == value] for value in (0, 1, 2))
         # the end of the range: a separator is eliminated after both of its halves
@@ -87,10 +87,10 @@ def _part_of(graph: sp.csr_array, part: Index, number: Index) -> tuple[Index, In
     neighbours = number[rows.indices]
     # one array for all parts, so that each costs its own nodes and not those of the mesh
     number[part] = -1
-    kept = neighbours >= 0
+    inside = neighbours >= 0
     # kept entries in front of each old row start: the row starts without neighbours outside the part
-    starts = np.concatenate([[0], np.cumsum(kept)])[rows.indptr]
-    return starts.astype(np.int64), neighbours[kept]
+    starts = np.concatenate([[0], np.cumsum(inside)])[rows.indptr]
+    return starts.astype(np.int64), neighbours[inside]
 
 
 def _middle(x: Array, graph: tuple[Index, Index]) -> Index:

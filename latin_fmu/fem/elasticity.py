@@ -217,15 +217,15 @@ class Orthotropic(Elasticity):
     @cached_property
     def tensor(self) -> Array:
         """C_ijkl (3, 3, 3, 3) along the global axes, Pa."""
-        own = np.zeros((3, 3, 3, 3))
+        tensor = np.zeros((3, 3, 3, 3))
         normal = np.linalg.inv(self.normal_compliance)
         for i in range(3):
             # round-off of the inverse is not symmetric
-            own[i, i, range(3), range(3)] = 0.5 * (normal[i] + normal[:, i])
+            tensor[i, i, range(3), range(3)] = 0.5 * (normal[i] + normal[:, i])
         for (i, j), shear in zip(_PAIRS, self.shear_moduli, strict=True):
-            own[[i, i, j, j], [j, j, i, i], [i, j, i, j], [j, i, j, i]] = shear
+            tensor[[i, i, j, j], [j, j, i, i], [i, j, i, j], [j, i, j, i]] = shear
         r = np.asarray(self.axes)
-        return np.asarray(np.einsum("abcd,ai,bj,ck,dl->ijkl", own, r, r, r, r, optimize=True))
+        return np.asarray(np.einsum("abcd,ai,bj,ck,dl->ijkl", tensor, r, r, r, r, optimize=True))
 
     @property
     def expansion(self) -> Array:

@@ -245,17 +245,17 @@ _HRZ = (
 )  # row sums of their masses are negative at the corners
 
 
-def elastic_products(left: Array, right: Array, volumes: Array, material: Elasticity) -> Array:
-    """int eps(v) : C : eps(u) of functions with gradients ``left`` and ``right`` (n_cell, n_point, n, 3).
+def elastic_products(test: Array, trial: Array, volumes: Array, material: Elasticity) -> Array:
+    """int eps(v) : C : eps(u) of functions with gradients ``test`` and ``trial`` (n_cell, n_point, n, 3).
 
     Returns
     -------
     (n_cell, n, 3, n', 3) for vector fields made of each function along each axis.
     """
-    n_cell, n_point, n, _ = left.shape
-    m = right.shape[2]
-    rows = (left * volumes[:, :, None, None]).reshape(n_cell, n_point, 3 * n)
-    pair = (np.swapaxes(rows, 1, 2) @ right.reshape(n_cell, n_point, 3 * m)).reshape(n_cell, n, 3, m, 3)
+    n_cell, n_point, n, _ = test.shape
+    m = trial.shape[2]
+    rows = (test * volumes[:, :, None, None]).reshape(n_cell, n_point, 3 * n)
+    pair = (np.swapaxes(rows, 1, 2) @ trial.reshape(n_cell, n_point, 3 * m)).reshape(n_cell, n, 3, m, 3)
     return material.products(pair)
 
 
@@ -278,9 +278,9 @@ def mode_amplitudes(points: CellPoints, material: Elasticity) -> tuple[Array, Ar
     """
     modes = mode_gradients(points.jacobian)
     n = len(modes)
-    own = elastic_products(modes, modes, points.volumes, material).reshape(n, 9, 9)
+    modal = elastic_products(modes, modes, points.volumes, material).reshape(n, 9, 9)
     coupled = elastic_products(modes, points.gradients, points.volumes, material).reshape(n, 9, 24)
-    amplitudes = np.asarray(-np.linalg.solve(own, coupled), dtype=float)
+    amplitudes = np.asarray(-np.linalg.solve(modal, coupled), dtype=float)
     return amplitudes, coupled
 
 
@@ -306,8 +306,8 @@ def stiffness(elements: Elements, material: Elasticity, bending_modes: bool = Fa
         for cell_type, points, of_cell in elements.distinct():
             matrices = element_stiffness(points, material, bending_modes and cell_type in BENDING_CELLS)
             if elements.moduli is not None:
-                own, done = elements.moduli[done : done + len(of_cell)], done + len(of_cell)
-                matrices, of_cell = own[:, None, None, None, None] * matrices[of_cell], np.arange(len(of_cell))
+                moduli, done = elements.moduli[done : done + len(of_cell)], done + len(of_cell)
+                matrices, of_cell = moduli[:, None, None, None, None] * matrices[of_cell], np.arange(len(of_cell))
             yield matrices.transpose(0, 1, 3, 2, 4), of_cell
 
     return elements.matrix(parts())

@@ -170,8 +170,8 @@ def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
     return _edge_matrix(face, nodes, 1 / (1 - 2 * ALPHA), -ALPHA / (1 - 2 * ALPHA))
 
 
-def _edge_matrix(face: FacetSet, nodes: Index, own: float, ends_share: float) -> sp.csr_array:
-    """The identity with ``own`` at the middles of edges and ``ends_share`` in the columns of their ends."""
+def _edge_matrix(face: FacetSet, nodes: Index, middle_share: float, ends_share: float) -> sp.csr_array:
+    """The identity with ``middle_share`` at the middles of edges and ``ends_share`` in the columns of their ends."""
     n = len(nodes)
     rows = [np.arange(n)]
     columns = [np.arange(n)]
@@ -181,7 +181,7 @@ def _edge_matrix(face: FacetSet, nodes: Index, own: float, ends_share: float) ->
         _, first = np.unique(middle, return_index=True)  # an edge inside the face belongs to two facets
         # ``nodes`` ascend and hold all ends of their middle nodes
         at, (one, two) = np.searchsorted(nodes, middle[first]), np.searchsorted(nodes, ends[first]).T
-        values[0][at] = own
+        values[0][at] = middle_share
         rows += [at, at]
         columns += [one, two]
         values += [np.full(len(at), ends_share)] * 2
@@ -297,9 +297,9 @@ def cells_between(facets: FacetSet, weights: sp.csr_array) -> Index:
     columns = sp.csc_array(weights)
     point = np.full(weights.shape[1], -1, dtype=np.int64)
     for node in facets.nodes:
-        own = slice(columns.indptr[node], columns.indptr[node + 1])
-        if columns.data[own].max(initial=0.0) > _PART:
-            point[node] = columns.indices[own][np.argmax(columns.data[own])]
+        entries = slice(columns.indptr[node], columns.indptr[node + 1])
+        if columns.data[entries].max(initial=0.0) > _PART:
+            point[node] = columns.indices[entries][np.argmax(columns.data[entries])]
     rows = [np.zeros((0, 4), dtype=np.int64)]
     for block in facets.blocks:
         for local in _CELLS[block.kind]:
@@ -311,17 +311,17 @@ def cells_between(facets: FacetSet, weights: sp.csr_array) -> Index:
 
 def _without_repetitions(cells: Index) -> Index:
     """Cells (n, 4) whose corners differ; a quadrilateral with two equal neighbours becomes a triangle."""
-    kept = np.ones(cells.shape, dtype=bool)
+    corners = np.ones(cells.shape, dtype=bool)
     for i in range(4):
         # column -1 for i = 0: the last corner stands before the first
-        kept[:, i] = (cells[:, i] != cells[:, i - 1]) & (cells[:, i] >= 0)
-    cells = np.where(kept, cells, -1)
+        corners[:, i] = (cells[:, i] != cells[:, i - 1]) & (cells[:, i] >= 0)
+    cells = np.where(corners, cells, -1)
     # dropped corners to the end, the turn of the others stays
-    order = np.argsort(~kept, axis=1, kind="stable")
+    order = np.argsort(~corners, axis=1, kind="stable")
     cells = np.take_along_axis(cells, order, axis=1)
     # opposite corners that are one point leave a quadrilateral without area
     distinct = (cells[:, 0] != cells[:, 2]) & ((cells[:, 1] != cells[:, 3]) | (cells[:, 3] < 0))
-    whole: Index = cells[(kept.sum(axis=1) >= 3) & distinct]
+    whole: Index = cells[(corners.sum(axis=1) >= 3) & distinct]
     return whole
 
 
@@ -514,7 +514,7 @@ class Surface:
         bend, change = np.where(bend < CREASE, [bend, change], 0.0)
         at = np.cumsum([len(height) for _, _, height, _ in edges])[:-1]
         parts = zip(edges, np.split(bend, at), np.split(change, at), strict=True)
-        return [(height, own, changed) for (_, _, height, _), own, changed in parts]
+        return [(height, angle, changed) for (_, _, height, _), angle, changed in parts]
 
     @cached_property
     def curvature(self) -> float:
@@ -565,9 +565,9 @@ class Surface:
         flat, changed = (x.reshape(-1, n).max(axis=1) for x in (sag, changing))
         length, turn, rise, off = self._turns(pieces)
         # no neighbour: what its own turn tells
-        own = (length * turn**3).max(axis=1) / 512
+        bow = (length * turn**3).max(axis=1) / 512
         # middles on the chords: the facet is flat, whatever its kind
-        kinked = np.maximum(np.where(rise > flat, flat / 4, flat), own)
+        kinked = np.maximum(np.where(rise > flat, flat / 4, flat), bow)
         return np.asarray(kinked + changed + (0.19 * off * turn).max(axis=1))
 
     def _turns(self, pieces: Pieces) -> tuple[Array, Array, Array, Array]:

@@ -39,10 +39,10 @@ class Location:
     @staticmethod
     def of(nodes: Index, weights: Array) -> Location:
         """The location without nodes of negligible weight; a point at a node has that node alone."""
-        kept = np.abs(weights) > _ROUND_OFF
-        weights = weights[kept]
+        mask = np.abs(weights) > _ROUND_OFF
+        weights = weights[mask]
         # exactly 1 at a node
-        return Location(nodes[kept], np.ones(1) if len(weights) == 1 else weights / weights.sum())
+        return Location(nodes[mask], np.ones(1) if len(weights) == 1 else weights / weights.sum())
 
     def rows(self, n_node: int) -> sp.csr_array:
         """Motion (3, 3 n_node) of the location from those of all nodes."""
@@ -175,8 +175,8 @@ def _reference(arms: Array, cell_type: str) -> Array:
     at_node = np.isnan(at).any(axis=1) & (distance.min(axis=1) <= INSIDE * distance.max(axis=1))
     at[at_node] = functions.nodes[nearest[at_node]]
     # from a point outside a curved cell the steps may go round in circles, through places inside
-    left = np.linalg.norm(np.einsum("ca,cai->ci", functions.values(at), arms), axis=1)
-    at[left > INSIDE * distance.max(axis=1)] = np.nan
+    misfit = np.linalg.norm(np.einsum("ca,cai->ci", functions.values(at), arms), axis=1)
+    at[misfit > INSIDE * distance.max(axis=1)] = np.nan
     return at
 
 
@@ -239,7 +239,7 @@ def thicknesses(surface: Surface, points: Array, directions: Array) -> Array:
     corners = surface.triangles[0]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     near = 1e-6 * surface.size
-    made = np.full(len(points), np.inf)
+    lengths = np.full(len(points), np.inf)
     for i, (point, direction) in enumerate(zip(points, directions, strict=True)):
         across = np.cross(direction, second)
         volume = np.einsum("ti,ti->t", first, across)
@@ -251,5 +251,5 @@ def thicknesses(surface: Surface, points: Array, directions: Array) -> Array:
         v = turned @ direction / scale
         way = np.einsum("ti,ti->t", second, turned) / scale
         hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & (way > near)
-        made[i] = way[hit].min(initial=np.inf)
-    return made
+        lengths[i] = way[hit].min(initial=np.inf)
+    return lengths

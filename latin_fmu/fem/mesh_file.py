@@ -40,9 +40,9 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
         raise MeshError.of("unusable mesh", where, f"node coordinates are not finite, or beyond {_FAR:g} m")
     blocks, start = [], 0
     for cell_type, cells in chosen.items():
-        own = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)
+        numbers = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)
         start += cells.size
-        blocks.append(_right_side_out(nodes, CellBlock(cell_type, own), where))
+        blocks.append(_right_side_out(nodes, CellBlock(cell_type, numbers), where))
     # -1: a point of the file that this volume does not have
     renumber = np.full(len(content.points), -1, dtype=np.int64)
     renumber[node_ids] = np.arange(len(node_ids))
@@ -260,16 +260,16 @@ def refined(mesh: Mesh) -> Mesh:
         tables.append(sums[:, children].reshape(-1, children.shape[1]))
         codes.append(sums.ravel())
         places.append(np.einsum("pn,cni->cpi", functions, mesh.nodes[cells]).reshape(-1, 3))
-    known, first = np.unique(np.concatenate(codes), return_index=True)
+    keys, first = np.unique(np.concatenate(codes), return_index=True)
     number = np.argsort(np.argsort(first))  # nodes are counted in the order of the cells
-    split = iter([number[np.searchsorted(known, table)] for table in tables])
+    split = iter([number[np.searchsorted(keys, table)] for table in tables])
     # in the order of ``pieces``: all blocks, then the faces
     blocks = tuple(CellBlock(block.cell_type, next(split)) for block in mesh.blocks)
     faces = {
         name: FacetSet(tuple(FacetBlock(block.kind, next(split)) for block in face.blocks))
         for name, face in mesh.faces.items()
     }
-    points = {name: number[np.searchsorted(known, _within(mesh, nodes, random))] for name, nodes in mesh.points.items()}
+    points = {name: number[np.searchsorted(keys, _within(mesh, nodes, random))] for name, nodes in mesh.points.items()}
     return Mesh(np.concatenate(places)[np.sort(first)], blocks, faces, points)
 
 

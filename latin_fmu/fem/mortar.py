@@ -108,9 +108,9 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None, ends:
     for end in ends:
         polygon, count = _ended(polygon, count, end, origin[:, 0], axes)
     common = np.where(count > 2, areas(polygon), 0.0)
-    kept = np.flatnonzero(common > _SPECK * mine.areas[one])
-    corners, cell = triangles(polygon[kept], count[kept])
-    cell = kept[cell]
+    pairs = np.flatnonzero(common > _SPECK * mine.areas[one])
+    corners, cell = triangles(polygon[pairs], count[pairs])
+    cell = pairs[cell]
     slope = theirs.normals[two]
     # height of the other piece's plane over the middle of each triangle
     middle = np.einsum("cij,cj->ci", axes[cell], corners.mean(axis=1))
@@ -214,12 +214,12 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
     used = slot < count[:, None]
     # behind the last corner comes the first
     following = np.take_along_axis(corners, np.where(slot + 1 < count[:, None], slot + 1, 0)[..., None], axis=1)
-    left = _height(corners, start, along)
-    left_next = _height(following, start, along)
-    keeps = used & (left >= 0)  # a corner on the line stays; what has no area is left out later
-    crosses = used & ((left >= 0) != (left_next >= 0))
+    height = _height(corners, start, along)
+    next_height = _height(following, start, along)
+    keeps = used & (height >= 0)  # a corner on the line stays; what has no area is left out later
+    crosses = used & ((height >= 0) != (next_height >= 0))
     # left and left - left_next have the same sign where the edge crosses
-    fraction = np.divide(left, left - left_next, out=np.zeros_like(left), where=crosses)
+    fraction = np.divide(height, height - next_height, out=np.zeros_like(height), where=crosses)
     cut = corners + fraction[..., None] * (following - corners)
     both = np.stack([corners, cut], axis=2).reshape(n, 2 * width, 2)
     taken = np.stack([keeps, crosses], axis=2).reshape(n, 2 * width)
@@ -322,7 +322,7 @@ class _Points:
         # opening: int psi times the distance, m3
         self.vector_areas = np.zeros((n, 3))
         self.entries: list[tuple[Index, Index, Array]] = []  # of A T_other: points, nodes, values
-        self.own: list[tuple[Index, Index, Array]] = []  # of A T_owner in the values u~
+        self.owner_entries: list[tuple[Index, Index, Array]] = []  # of A T_owner in the values u~
         self.changed = changes_basis(owner.facets)
 
 
@@ -357,10 +357,10 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
         # in parts, for the memory
         for some in np.array_split(np.arange(len(cells)), max(1, len(cells) // 20000)):
             part = cells.picked(some)
-            weights, own, far = _gauss_points(part, pieces, theirs)
-            mine, other = shape(pieces.kind, own), shape(theirs.kind, far)
+            weights, near, far = _gauss_points(part, pieces, theirs)
+            mine, other = shape(pieces.kind, near), shape(theirs.kind, far)
             places = points.owner.nodes[pieces.nodes[part.owner]], points.other.nodes[theirs.nodes[part.other]]
-            apart = _distances((pieces.kind, theirs.kind), places, (own, far), (mine, other))
+            apart = _distances((pieces.kind, theirs.kind), places, (near, far), (mine, other))
             # from phi to phi~, whose integrals are positive
             mine = mine @ change
             facet = pieces.facet[part.owner]
@@ -386,8 +386,8 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     # in equal parts: read as a mark of touched points and in the sum over all alone
     np.add.at(points.covered, at, np.repeat(covered[:, None] / n, n, axis=1))
     # diag(int phi) where the dual functions are regular, so that T_owner = 1
-    own = dual @ gram
-    points.own.append((np.repeat(at, n, axis=1), np.tile(at, (1, n)), own.reshape(n_facet, -1)))
+    masses = dual @ gram
+    points.owner_entries.append((np.repeat(at, n, axis=1), np.tile(at, (1, n)), masses.reshape(n_facet, -1)))
     for facet, nodes, product in products:
         value = dual[facet] @ product
         width = nodes.shape[1]
@@ -439,9 +439,9 @@ def _gauss_points(cells: Cells, mine: Pieces, theirs: Pieces) -> tuple[Array, Ar
     barycentric = np.stack([1 - points.sum(axis=1), *points.T])
     at = np.einsum("kg,cki->cgi", barycentric, cells.corners)
     scaled = 2 * cells.areas[:, None] * weights  # the weights of the rule add up to 1/2
-    own = _reference(at, cells.owner_corners, mine.reference[cells.owner])
+    near = _reference(at, cells.owner_corners, mine.reference[cells.owner])
     far = _reference(at, cells.other_corners, theirs.reference[cells.other])
-    return scaled, own, far
+    return scaled, near, far
 
 
 def _distances(
@@ -506,13 +506,13 @@ def _finished(points: _Points, least: float) -> Mortar:
     n, touched = len(points.nodes), np.flatnonzero(points.covered > 0)
     # rows of the owner act on u~, which belong to phi~
     back = nodal_values(points.owner.facets, points.nodes)
-    own = sp.csr_array(_collected(points.own, (n, n))[touched])
+    owner = sp.csr_array(_collected(points.owner_entries, (n, n))[touched])
     other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
     places = (back @ points.owner.nodes[points.nodes])[touched]
     shares = points.areas[touched] / points.whole[touched]
     # near the edge of the owner face a point has less area than the whole: its covered facets count
     shares[points.areas[touched] > _INSIDE * points.near[touched]] = 1.0
-    joined = _groups(shares, sp.csr_array(own[:, touched]), places, least)
+    joined = _groups(shares, sp.csr_array(owner[:, touched]), places, least)
     areas = np.asarray(joined @ points.areas[touched])
     # points whose group has next to no area are dropped
     joined = sp.csr_array(joined[areas > _NOTHING * np.median(areas)])
@@ -525,7 +525,7 @@ def _finished(points: _Points, least: float) -> Mortar:
         areas,
         np.asarray(joined @ points.vector_areas[touched]),
         # values u~ of the face from u of its nodes, then from those of the mesh
-        sp.csr_array(_cleaned(sp.csr_array(mean @ own)) @ back @ select),
+        sp.csr_array(_cleaned(sp.csr_array(mean @ owner)) @ back @ select),
         _cleaned(sp.csr_array(mean @ other)),
         areas / np.asarray(joined @ points.whole[touched]),
         np.asarray(joined @ points.opening[touched]) / areas,
@@ -572,22 +572,22 @@ def _takers(p: int, others: list[int], places: Array, parts: dict[int, dict[int,
         return {}
     distance = np.linalg.norm(places[choice] - places[p], axis=1)
     takers = choice[distance <= distance.min() * (1.0 + _EQUAL)].tolist()
-    made: dict[int, float] = {}
+    shares: dict[int, float] = {}
     for q in takers:
         for group, part in parts[q].items():
-            made[group] = made.get(group, 0.0) + part / len(takers)
-    return made
+            shares[group] = shares.get(group, 0.0) + part / len(takers)
+    return shares
 
 
 def _first(p: int, alone: list[int], near: sp.csr_array) -> int:
     """The first of the points ``alone`` that hang together with p as neighbours."""
-    known, look = {p}, [p]
+    group, look = {p}, [p]
     while look:
         q = look.pop()
-        more = set(near.indices[near.indptr[q] : near.indptr[q + 1]].tolist()) & set(alone) - known
-        known |= more
+        more = set(near.indices[near.indptr[q] : near.indptr[q + 1]].tolist()) & set(alone) - group
+        group |= more
         look += sorted(more)
-    return min(known)
+    return min(group)
 
 
 def _collected(entries: list[tuple[Index, Index, Array]], shape_: tuple[int, int]) -> sp.csr_array:

@@ -43,9 +43,9 @@ def smoothed(surface: Surface) -> Surface:
             blocks.append(block)
             continue
         n = pieces.corners.shape[1]
-        own = slice(first, first + n * pieces.n_piece)
-        first = own.stop
-        middles = corners.middles[own] + rises[own, None] * corners.mean_normals[own]
+        span = slice(first, first + n * pieces.n_piece)
+        first = span.stop
+        middles = corners.middles[span] + rises[span, None] * corners.mean_normals[span]
         places.append(middles)
         numbers = n_node + np.arange(len(middles)).reshape(-1, n)
         n_node += len(middles)
@@ -135,8 +135,8 @@ def _around(nodes: Index, facet: Array) -> tuple[Index, Index]:
     at = sp.csr_array((np.ones(n), (np.arange(n), nodes)))
     pairs = sp.coo_array(at @ at.T)
     one, two = pairs.coords
-    kept = _dot(facet[one], facet[two]) > np.cos(CREASE)
-    return one[kept].astype(np.int64), two[kept].astype(np.int64)
+    smooth = _dot(facet[one], facet[two]) > np.cos(CREASE)
+    return one[smooth].astype(np.int64), two[smooth].astype(np.int64)
 
 
 def _dot(one: Array, other: Array) -> Array:

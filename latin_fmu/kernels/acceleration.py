@@ -82,26 +82,26 @@ def weighted_products(metric: Array, old: Array, new: Array, rest: Array) -> tup
 def find_weights(depth: int, gram: Array, least: Array, count: int, products: Array) -> int:
     """Weights gamma of the differences, into ``least`` from ``depth`` on, and how many there are; ``products``
     (2 depth,): of the last difference with all, and of r with all."""
-    row, kept = (count - 1) % depth, min(count, depth)  # a ring: the oldest difference is replaced
+    row, n_difference = (count - 1) % depth, min(count, depth)  # a ring: the oldest difference is replaced
     right, gamma = least[:depth], least[depth : 2 * depth]
-    for a in range(kept):
+    for a in range(n_difference):
         # row and column of the difference that is new
         gram[row * depth + a] = products[2 * a]
         gram[a * depth + row] = products[2 * a]
         right[a] = products[2 * a + 1]
-    least_squares(gram, depth, right, kept, least[2 * depth :], gamma)
-    return kept
+    least_squares(gram, depth, right, n_difference, least[2 * depth :], gamma)
+    return n_difference
 
 
 @kernel
 def take_step(
-    q: Array, residual: Array, relaxation: float, kept: int, gamma: Array, dq: Array, dr: Array, stride: int
+    q: Array, residual: Array, relaxation: float, n_difference: int, gamma: Array, dq: Array, dr: Array, stride: int
 ) -> None:
     """q := next iterate, in a part of it of len(q) numbers; differences ``stride`` numbers apart."""
     n = len(q)
     for j in range(n):
         q[j] += relaxation * residual[j]
-    for a in range(kept):
+    for a in range(n_difference):
         if gamma[a] != 0.0:
             past_q, past_r = dq[a * stride : a * stride + n], dr[a * stride : a * stride + n]
             for j in range(n):
@@ -149,8 +149,8 @@ def anderson(
     for a in range(min(count, depth)):
         old = dr[a * n : (a + 1) * n]
         products[2 * a], products[2 * a + 1] = weighted_products(metric, old, own_r, residual)
-    kept = find_weights(depth, gram, least, count, products)
-    take_step(q, residual, relaxation, kept, least[depth:], dq, dr, n)
+    n_difference = find_weights(depth, gram, least, count, products)
+    take_step(q, residual, relaxation, n_difference, least[depth:], dq, dr, n)
 
 
 @kernel
@@ -164,12 +164,12 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
     n = window * n_flat
     if depth == 0 or count <= 0:
         return
-    row, kept = (count - 1) % depth, min(count, depth)
+    row, n_difference = (count - 1) % depth, min(count, depth)
     new_q, new_r = run.dq + row * n, run.dr + row * n
     parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
     # behind the measures: both go with one message
     for e in range(run.n_interface):
-        parts[e * wide + MEASURES : e * wide + MEASURES + 2 * kept] = 0.0
+        parts[e * wide + MEASURES : e * wide + MEASURES + 2 * n_difference] = 0.0
     for i in range(window):
         for e in range(run.n_interface):
             size = pools.fixed_int[run.segments + 3 * e + 2]
@@ -181,7 +181,7 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
                 new, rest = work[new_r + at : new_r + at + size], work[run.r + at : run.r + at + size]
                 last_q, last_r = work[run.last_q + at : run.last_q + at + size], work[run.last_r + at :]
                 take_differences(work[run.q + at : run.q + at + size], rest, last_q, last_r, work[new_q + at :], new)
-                for a in range(kept):
+                for a in range(n_difference):
                     old = work[run.dr + a * n + at : run.dr + a * n + at + size]
                     product, projection = weighted_products(metric, old, new, rest)
                     parts[e * wide + MEASURES + 2 * a] += product
@@ -194,11 +194,13 @@ def next_iterate(pools: Any, window: int, count: int) -> None:
     run, work = pools.run[0], pools.moving
     n = window * run.n_flat
     depth = run.depth
-    kept = -1
+    n_difference = -1
     gram, least = work[run.gram : run.gram + depth * depth], work[run.least : run.least + (depth + 3) * depth]
     if depth > 0 and count > 0:
         add_parts(pools, MEASURES, 2 * min(count, depth))
-        kept = find_weights(depth, gram, least, count, work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth])
+        n_difference = find_weights(
+            depth, gram, least, count, work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth]
+        )
     for e in range(run.n_interface):
         size = pools.fixed_int[run.segments + 3 * e + 2]
         for i in range(window):
@@ -206,12 +208,12 @@ def next_iterate(pools: Any, window: int, count: int) -> None:
             for side in range(pools.fixed_int[run.sides + e]):
                 at = i * run.n_flat + pools.fixed_int[run.segments + 3 * e + side]
                 q, r = work[run.q + at : run.q + at + size], work[run.r + at : run.r + at + size]
-                if kept < 0:
+                if n_difference < 0:
                     relax(q, r, run.relaxation, work[run.last_q + at :], work[run.last_r + at :])
                     continue
                 dq, dr = work[run.dq + at :], work[run.dr + at :]
-                take_step(q, r, run.relaxation, kept, least[depth : 2 * depth], dq, dr, n)
-    if kept < 0:
+                take_step(q, r, run.relaxation, n_difference, least[depth : 2 * depth], dq, dr, n)
+    if n_difference < 0:
         return
     if run.longest_step < np.inf:  # without a limit no process sends anything
         step_parts(pools, window)

@@ -110,16 +110,16 @@ def activate(pools: Any) -> int:
         softness = work[run.softness + 3 * count : run.softness + 3 * (count + 3)]
         point = point_state(pools, g, at, group.newton_z_sum)
         derivative = work[group.tangent + at * 9 : group.tangent + at * 9 + 9] if group.law < 0 else softness
-        made = tangent(group.law, point, derivative, Unknowns(columns, rows, softness, run.proximal))
+        n_unknown = tangent(group.law, point, derivative, Unknowns(columns, rows, softness, run.proximal))
         first, second = channels_of(pools, p)
-        for i in range(made):
+        for i in range(n_unknown):
             total = 0.0
             for a in range(h):
                 # F and F' of the linear stage are not opposite yet: z rho of each side by its own
                 rest = z[first + a] * f[first + a] - z[second + a] * f[second + a]
                 total -= rows[3 * i + a] * (rest - point.z[min(a, 1)] * f_hat[first + a])
             work[run.unknowns + count + i] = total
-        count += made
+        count += n_unknown
     while b <= run.n_block:  # blocks without points behind the last one
         block_start[b] = count
         b += 1

@@ -63,14 +63,14 @@ def begin_rows(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Row 0 of the state, and the histories of the n time steps behind it (``communicate``); 0, or a negative
     status."""
     run, moving = pools.run[0], pools.moving
-    made = int(moving[run.progress])
+    steps = int(moving[run.progress])
     # -1: the last row of the table holds ever after
-    if run.law_end >= 0 and not run.law_first <= made <= run.law_first + run.law_end - n:
+    if run.law_end >= 0 and not run.law_first <= steps <= run.law_first + run.law_end - n:
         return BEYOND_LAWS
     if before == 0:
         moving[run.progress + 1] = 0.0  # counted over the whole communication step
         moving[run.progress + 2] = 0.0
-    if made == 0:
+    if steps == 0:
         status = open_run(pools, rule, whole)
         if status != 0:
             return status
@@ -79,9 +79,9 @@ def begin_rows(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
         put_back(pools)
         set_ratios(pools, 0)
         if run.static == 1 and before == 0:
-            set_start_columns(pools, made, whole, rule)
+            set_start_columns(pools, steps, whole, rule)
     for i in range(1, n + 1):
-        set_histories(pools, i, before + i, made + i, whole, rule)
+        set_histories(pools, i, before + i, steps + i, whole, rule)
     return 0
 
 
@@ -89,9 +89,9 @@ def begin_rows(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
 def conclude(pools: Any, row: int, before: int, whole: int, rule: int) -> None:
     """End the time step of a row, solved and with its iterations counted: one of ``whole``, after ``before``."""
     run, moving = pools.run[0], pools.moving
-    made = int(moving[run.progress]) + 1
-    keep_outputs(pools, row, before + 1, made)
-    moving[run.progress] = made
+    steps = int(moving[run.progress]) + 1
+    keep_outputs(pools, row, before + 1, steps)
+    moving[run.progress] = steps
     move(pools, run.output + row * run.n_output, run.present, run.n_output)
     move(pools, run.drive + row * run.n_drive, run.motion_state, run.n_motion_state)
     if before + 1 == whole:
@@ -104,8 +104,8 @@ def place(pools: Any) -> int:
     record has its end since the start, its length and the round-off of both, in time steps."""
     run, moving = pools.run[0], pools.moving
     at = run.place
-    made, begin = moving[run.progress], moving[run.progress + 7]
-    n, moving[run.progress + 8] = placed(made, begin, moving[at], moving[at + 1], moving[at + 2])
+    steps, begin = moving[run.progress], moving[run.progress + 7]
+    n, moving[run.progress + 8] = placed(steps, begin, moving[at], moving[at + 1], moving[at + 2])
     return n
 
 
@@ -149,26 +149,26 @@ def keep_inputs(pools: Any, done: int, whole: int, rule: int) -> None:
 
 
 @kernel
-def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -> None:
-    """Amplitudes of the sources after j of the time steps, ``made`` since the start, into the moving block."""
+def set_sources(pools: Any, to: int, j: int, steps: int, whole: int, rule: int) -> None:
+    """Amplitudes of the sources after j of the time steps, ``steps`` since the start, into the moving block."""
     run = pools.run[0]
     moving = pools.moving
     n = pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
-    given, at = given_of(pools), run.progress
+    inputs, at = given_of(pools), run.progress
     span = moving[at + 3]
     begin = moving[at + 7]
     rest = moving[at + 8]
     for e in range(n):
-        moving[to + e] = drive(given, memory, kinds, e, span, j, whole, begin, rest, rule, run.dt)
-    own = run.n_source - run.n_input
-    row = run.law_table + own * min(made - run.law_first, max(run.law_end, 0))
-    for e in range(own):
+        moving[to + e] = drive(inputs, memory, kinds, e, span, j, whole, begin, rest, rule, run.dt)
+    n_law = run.n_source - run.n_input
+    row = run.law_table + n_law * min(steps - run.law_first, max(run.law_end, 0))
+    for e in range(n_law):
         moving[to + run.n_input + e] = pools.fixed[row + e]  # the last row holds ever after
 
 
 @kernel
-def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule: int) -> None:
+def set_histories(pools: Any, instant: int, j: int, steps: int, whole: int, rule: int) -> None:
     """Columns of an instant of the segment, which ends the time step j of the communication step, and its drives."""
     run, moving = pools.run[0], pools.moving
     z = run.drive + instant * run.n_drive
@@ -176,8 +176,8 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
     n_x = run.n_motion_state
     # the motion state after the instant before is x of this one
     move(pools, z - wide, z, n_x)
-    set_sources(pools, z + n_x, j - 1, made - 1, whole, rule)
-    set_sources(pools, z + n_x + run.n_source, j, made, whole, rule)
+    set_sources(pools, z + n_x, j - 1, steps - 1, whole, rule)
+    set_sources(pools, z + n_x + run.n_source, j, steps, whole, rule)
     moving[z + wide - 1] = 1.0  # the constant part of a column
     drives, columns = moving[z : z + wide], moving[run.column : run.column + run.column_rows]
     if run.static == 1:
@@ -196,14 +196,14 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
 
 
 @kernel
-def set_start_columns(pools: Any, made: int, whole: int, rule: int) -> None:
+def set_start_columns(pools: Any, steps: int, whole: int, rule: int) -> None:
     """Columns at the start of a communication step, for ``continuation``."""
     run, moving = pools.run[0], pools.moving
     z = run.drive
     wide = run.n_drive
     n_x = run.n_motion_state
-    set_sources(pools, z + n_x, 0, made, whole, rule)
-    set_sources(pools, z + n_x + run.n_source, 1, made + 1, whole, rule)
+    set_sources(pools, z + n_x, 0, steps, whole, rule)
+    set_sources(pools, z + n_x + run.n_source, 1, steps + 1, whole, rule)
     moving[z + wide - 1] = 1.0
     columns = moving[run.column : run.column + run.column_rows]
     columns[:] = 0.0
@@ -349,15 +349,15 @@ def open_outputs(pools: Any) -> None:
 def departs(pools: Any, e: int) -> bool:
     """Whether the initial state is not known for the amplitudes of an input in the first time step."""
     run, moving = pools.run[0], pools.moving
-    held, kind = pools.fixed_int[run.input_held + e], pools.fixed_int[run.input_kind + e]
-    if held == FREE:
+    constraint, kind = pools.fixed_int[run.input_held + e], pools.fixed_int[run.input_kind + e]
+    if constraint == FREE:
         return False
     first, start = run.drive + run.n_motion_state + e, pools.fixed[run.input_start + e]
     # driven by its rate: the amplitude itself is compared
     if kind == DISPLACEMENT:
         moves = moving[first] != 0.0 or moving[first + run.n_source] != 0.0
-        return bool(moving[run.inputs + DRIVEN * run.n_input + e] != start or (held == BY_BOTH and moves))
-    return bool(moving[first] != start or (held == BY_BOTH and moving[first + run.n_source] != start))
+        return bool(moving[run.inputs + DRIVEN * run.n_input + e] != start or (constraint == BY_BOTH and moves))
+    return bool(moving[first] != start or (constraint == BY_BOTH and moving[first + run.n_source] != start))
 
 
 @kernel

@@ -148,10 +148,10 @@ def derive(pools: Any, which: int, rule: int, n: int, whole: int) -> int:
 def keep_rules(pools: Any, at: int) -> None:
     """Keep what the variants change of the rules of the run; no solve is reused and no thread but this one works."""
     run = pools.run[0]
-    kept = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
-    kept[0] = run.deepest
-    kept[1] = run.rest_traction
-    kept[2] = run.make_up
+    rules = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
+    rules[0] = run.deepest
+    rules[1] = run.rest_traction
+    rules[2] = run.make_up
     # a solve for another q would leave the variants not affine
     run.reuse = -1.0
     run.threads = 1
@@ -161,10 +161,10 @@ def keep_rules(pools: Any, at: int) -> None:
 def set_rules(pools: Any, at: int, variant: int) -> None:
     """Rules of the base, or of variants: a penetrated point has a gap, no class rests, no drift is made up."""
     run = pools.run[0]
-    kept = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
-    run.deepest = kept[0] if variant == BASE else -np.inf
-    run.rest_traction = kept[1] if variant == BASE else -1.0
-    run.make_up = kept[2] if variant == BASE else 0.0
+    rules = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
+    run.deepest = rules[0] if variant == BASE else -np.inf
+    run.rest_traction = rules[1] if variant == BASE else -1.0
+    run.make_up = rules[2] if variant == BASE else 0.0
 
 
 @kernel
@@ -179,9 +179,9 @@ def march_variants(pools: Any, at: int, which: int, rule: int, n: int, whole: in
     for step in range(n):
         for variant in range(3):
             # each goes on from its own state
-            own = at + (BEFORE if step == 0 else variant) * n_state
+            start = at + (BEFORE if step == 0 else variant) * n_state
             for j in range(n_state):
-                moving[j] = moving[own + j]
+                moving[j] = moving[start + j]
             change = 0.0 if variant == BASE else size if variant == MORE else -size
             moving[run.input_value + e] = value + (change if which % 2 == 0 else 0.0)
             # the base follows the rule; variants have the rate that it gives, and the change, written out
@@ -340,13 +340,13 @@ def solve_system(pools: Any, laws: int, at: int) -> bool:
             for j in range(n):
                 trial[j] += y * basis[k * n + j]
         # the basis has been summed: its place is free
-        left = basis[:n]
-        residual(pools, laws, trial, left)
+        remainder = basis[:n]
+        residual(pools, laws, trial, remainder)
         # ends for NaN, too
-        if not length_of(left) < size:
+        if not length_of(remainder) < size:
             break
         for j in range(n):
-            q[j], rest[j] = trial[j], left[j]
+            q[j], rest[j] = trial[j], remainder[j]
     # fields of the q that is kept: the last ones may be of a trial that was refused
     residual(pools, laws, q, rest)
     return bool(length_of(rest) <= _ENOUGH * length_of(q))
@@ -362,9 +362,9 @@ def directions(pools: Any, laws: int, q: Array, rest: Array, basis: Array, small
         basis[j] = rest[j] / size
     small[(most + 2) * (most + 1)] = size
     for k in range(most):
-        own, new = basis[k * n : (k + 1) * n], basis[(k + 1) * n : (k + 2) * n]
+        vector, new = basis[k * n : (k + 1) * n], basis[(k + 1) * n : (k + 2) * n]
         for j in range(n):  # steps of this length keep the digits of the difference
-            new[j] = q[j] + size * own[j]
+            new[j] = q[j] + size * vector[j]
         residual(pools, laws, new, new)
         for j in range(n):
             # -dr/dq along it: the solution for the residual is the change of q
@@ -404,13 +404,13 @@ def effect_of(pools: Any, at: int) -> float:
     run, moving = pools.run[0], pools.moving
     largest, found = 0.0, False
     for kind in range(2):
-        own = at + (run.f_hat if kind == 0 else run.w_hat)
-        more = own + MORE * run.state_size
+        base = at + (run.f_hat if kind == 0 else run.w_hat)
+        more = base + MORE * run.state_size
         change = 0.0
         whole = 0.0
         for j in range(run.n_flat):
-            change += (moving[more + j] - moving[own + j]) ** 2
-            whole += moving[own + j] ** 2
+            change += (moving[more + j] - moving[base + j]) ** 2
+            whole += moving[base + j] ** 2
         if whole > 0.0:
             found = True
             largest = max(largest, np.sqrt(change / whole))

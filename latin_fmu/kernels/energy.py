@@ -293,7 +293,7 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, of_loads: Array, of
     m = row.m
     size = row.n * row.m
     wide = (row.n + row.n_motion) * row.m
-    kept = pools.moving[row.past + _A * wide : row.past + (_A + 1) * wide]
+    past = pools.moving[row.past + _A * wide : row.past + (_A + 1) * wide]
     scratch = pools.moving[row.extended : row.extended + 4 * wide]
     mean, image = scratch[wide : 2 * wide], scratch[3 * wide :]
     a = whole_field(pools, c, row.a, 2, instant, scratch[:wide])
@@ -301,22 +301,22 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, of_loads: Array, of
     of_new = run.energy_a_new
     for i in range(wide):
         # a_w, and Da in the place of the old accelerations, which are put back below
-        mean[i], kept[i] = of_old * kept[i] + of_new * a[i], a[i] - kept[i]
+        mean[i], past[i] = of_old * past[i] + of_new * a[i], a[i] - past[i]
     image[:] = 0.0
-    add_borders(pools, c, MASS, kept, image)
+    add_borders(pools, c, MASS, past, image)
     add_dot(m, run.inertia_dissipation, mean, image, of_scheme)
     if run.inertia_drift != 0.0:
-        _add_drift(pools, c, instant, a, kept, image, of_scheme)
+        _add_drift(pools, c, instant, a, past, image, of_scheme)
     image[:] = 0.0
     add_borders(pools, c, MASS, mean, image)
     # M a_w works on the step of the recursion, with which the kinetic energy of the whole motion closes
     followed, before = mean[size:], row.motions + (run.n_time + instant - 1) * (wide - size)
     for i in range(wide - size):
         a_new = a[size + i]
-        a_old = a_new - kept[size + i]
+        a_old = a_new - past[size + i]
         followed[i] = run.u_v * pools.moving[before + i] + run.u_a * a_old + run.displacement_gain * a_new
     add_dot(m, 1.0, followed, image[size:], of_loads)
-    copied(a, kept)
+    copied(a, past)
 
 
 @kernel

@@ -102,10 +102,10 @@ def whole_field(pools: Any, c: int, place: int, order: int, instant: int, scratc
     state; in ``scratch`` where there are motions."""
     row, run = pools.classes[c], pools.run[0]
     size, count = row.n * row.m, row.n_motion * row.m
-    own: Array = pools.moving[place : place + size]
+    field: Array = pools.moving[place : place + size]
     if count == 0:
-        return own
-    copied(own, scratch[:size])
+        return field
+    copied(field, scratch[:size])
     at = row.motions + (order * run.n_time + instant) * count
     copied(pools.moving[at : at + count], scratch[size:])
     return scratch

@@ -42,8 +42,8 @@ def _eliminate_panel(
 ) -> bool:
     """Factors of the columns k0 ... k1 of block b, in all rows below; False where a pivot is zero."""
     last = start[b + 1]
-    left = start[low[b]]
-    right = start[high[b] + 1]
+    begin = start[low[b]]
+    end = start[high[b] + 1]
     for k in range(k0, k1):
         picked, largest = k, abs(a[row_at[k] + k])
         for i in range(k + 1, last):
@@ -54,14 +54,14 @@ def _eliminate_panel(
         if not largest > 0.0:  # NaN, too
             return False
         pivot_range[0], pivot_range[1] = min(pivot_range[0], largest), max(pivot_range[1], largest)
-        # from ``left`` on: factors of the columns before are exchanged with the row
-        own = a[row_at[k] + left : row_at[k] + right]
+        # from ``begin`` on: factors of the columns before are exchanged with the row
+        line = a[row_at[k] + begin : row_at[k] + end]
         if picked != k:
-            other = a[row_at[picked] + left : row_at[picked] + right]
-            for j in range(right - left):
-                kept = own[j]
-                own[j] = other[j]
-                other[j] = kept
+            other = a[row_at[picked] + begin : row_at[picked] + end]
+            for j in range(end - begin):
+                entry = line[j]
+                line[j] = other[j]
+                other[j] = entry
         inverse = 1.0 / a[row_at[k] + k]
         for c in range(b, high[b] + 1):
             if low[c] > b:  # its rows begin behind this block
@@ -73,10 +73,10 @@ def _eliminate_panel(
                     a[row_at[i] + j] -= factor * a[row_at[k] + j]
     # the rows of the panel itself: their rest by the unit triangle of its columns
     for k in range(k0 + 1, k1):
-        row = a[row_at[k] + k1 : row_at[k] + right]
+        row = a[row_at[k] + k1 : row_at[k] + end]
         for e in range(k0, k):
-            factor, above = a[row_at[k] + e], a[row_at[e] + k1 : row_at[e] + right]
-            for j in range(right - k1):
+            factor, above = a[row_at[k] + e], a[row_at[e] + k1 : row_at[e] + end]
+            for j in range(end - k1):
                 row[j] -= factor * above[j]
     return True
 
@@ -152,25 +152,25 @@ def factorise(
 def substitute(n_block: int, start: Any, low: Any, high: Any, row_at: Any, a: Array, pivots: Any, x: Array) -> None:
     """Solution in the place of the right-hand side x (n,), by the factors of ``factorise``."""
     for b in range(n_block):
-        left = start[low[b]]
+        begin = start[low[b]]
         # all exchanges of the block first: its factors were exchanged with the rows
         for i in range(start[b], start[b + 1]):
-            kept = x[i]
+            entry = x[i]
             x[i] = x[pivots[i]]
-            x[pivots[i]] = kept
+            x[pivots[i]] = entry
         for i in range(start[b], start[b + 1]):
-            row = a[row_at[i] + left : row_at[i] + i]
-            known = x[left:i]
+            row = a[row_at[i] + begin : row_at[i] + i]
+            solution = x[begin:i]
             total = 0.0
             for j in range(len(row)):
-                total += row[j] * known[j]
+                total += row[j] * solution[j]
             x[i] -= total
     for b in range(n_block - 1, -1, -1):
-        right = start[high[b] + 1]
+        end = start[high[b] + 1]
         for i in range(start[b + 1] - 1, start[b] - 1, -1):
-            row = a[row_at[i] + i + 1 : row_at[i] + right]
-            known = x[i + 1 : right]
+            row = a[row_at[i] + i + 1 : row_at[i] + end]
+            solution = x[i + 1 : end]
             total = 0.0
             for j in range(len(row)):
-                total += row[j] * known[j]
+                total += row[j] * solution[j]
             x[i] = (x[i] - total) / a[row_at[i] + i]

@@ -111,9 +111,9 @@ def on_rows(pools: Any, c: int, x: Array, out: Array) -> None:
         out[p + 2] = t2
         out[p + 3] = t3
     for p in range(k - k % 4, k):
-        own, total = table[p * n : (p + 1) * n], 0.0
+        line, total = table[p * n : (p + 1) * n], 0.0
         for i in range(n):
-            total += own[i] * x[i]
+            total += line[i] * x[i]
         out[p] = total
 
 
@@ -131,9 +131,9 @@ def add_rows(pools: Any, c: int, factor: float, weights: Array, out: Array) -> N
         for i in range(n):
             out[i] += (t0 * first[i] + t1 * second[i]) + (t2 * third[i] + t3 * fourth[i])
     for p in range(k - k % 4, k):
-        own, weight = table[p * n : (p + 1) * n], factor * weights[p]
+        line, weight = table[p * n : (p + 1) * n], factor * weights[p]
         for i in range(n):
-            out[i] += weight * own[i]
+            out[i] += weight * line[i]
 
 
 @kernel
@@ -153,10 +153,10 @@ def subtract_face(pools: Any, c: int) -> None:
     for i in range(k):
         strained[i] = free[i]
     for j in range(row.n_relaxing):
-        strength, kept, moved = branch(pools, c, j)
+        strength, c_e, c_u = branch(pools, c, j)
         at = rows_at(row) + (1 + j) * k
         for i in range(k):
-            elongation = kept * work[at + i] + moved * (free[i] - rows[i])
+            elongation = c_e * work[at + i] + c_u * (free[i] - rows[i])
             strained[i] += pools.fixed[row.relaxing_shares + i] * strength * elongation
     for i in range(row.n_inertial):
         at = k - row.n_inertial + i
@@ -171,18 +171,18 @@ def subtract_face(pools: Any, c: int) -> None:
         viscous = viscosity * (rate + ratio * (start - force - run.u_v * rate))
         work[row.load + pools.fixed_int[row.dofs + i]] -= phi * start + viscous
     for j in range(row.n_relaxing):
-        strength, kept, moved = branch(pools, c, j)
+        strength, c_e, c_u = branch(pools, c, j)
         at = forces_at(row) + j * n
         for i in range(n):
-            relaxed = share * strength * (kept * work[at + i] - moved * state[2 * n + i])
+            relaxed = share * strength * (c_e * work[at + i] - c_u * state[2 * n + i])
             work[row.load + pools.fixed_int[row.dofs + i]] -= relaxed
 
 
 @kernel
 def branch(pools: Any, c: int, j: int) -> tuple[float, float, float]:
     """g, c_e and c_u of branch j."""
-    strength, kept = relaxing(pools, c, STRENGTH, j), relaxing(pools, c, OF_ELONGATION, j)
-    return strength, kept, relaxing(pools, c, OF_MOTION, j)
+    strength, c_e = relaxing(pools, c, STRENGTH, j), relaxing(pools, c, OF_ELONGATION, j)
+    return strength, c_e, relaxing(pools, c, OF_MOTION, j)
 
 
 @kernel
@@ -222,8 +222,8 @@ def keep_face_forces(pools: Any, c: int) -> None:
     add_squares(pools, c, row.viscous_rows, row.n_viscous, run.velocity_gain, solved, squares)
     share = run.displacement_gain / (run.displacement_gain * stiffened(pools, c, k) + viscosity * run.velocity_gain)
     for i in range(n):
-        left = work[row.face_load + i] + work[row.inner + i] - squares[pools.fixed_int[row.dofs + i]]
-        force = state[n + i] + share * left
+        rest = work[row.face_load + i] + work[row.inner + i] - squares[pools.fixed_int[row.dofs + i]]
+        force = state[n + i] + share * rest
         old = state[2 * n + i]
         rate = state[3 * n + i]
         work[row.face_rate + i] = rate + ratio * (force - old - run.u_v * rate)
@@ -238,11 +238,11 @@ def _relax_rows(pools: Any, c: int, change: Array) -> None:
     k = row.n_elastic
     rows, free = work[rows_at(row) : rows_at(row) + k], work[row.row_free : row.row_free + k]
     for j in range(row.n_relaxing):
-        strength, kept, moved = branch(pools, c, j)
+        strength, c_e, c_u = branch(pools, c, j)
         at, lost = rows_at(row) + (1 + j) * k, 0.0
         for i in range(k):
             old = work[at + i]
-            new = kept * old + moved * (free[i] + change[i] - rows[i])
+            new = c_e * old + c_u * (free[i] + change[i] - rows[i])
             lost += pools.fixed[row.relaxing_shares + i] * (old + new) ** 2
             work[at + i] = new
         work[row.relaxed_loss] += 0.5 * strength * relaxing(pools, c, HALF_RATIO, j) * lost
@@ -265,13 +265,13 @@ def _relax_face(pools: Any, c: int, solved: Array) -> None:
     share = pools.fixed[row.relaxing_shares + row.n_elastic]
     rate = row.face_state + 3 * n
     for j in range(row.n_relaxing):
-        strength, kept, moved = branch(pools, c, j)
+        strength, c_e, c_u = branch(pools, c, j)
         lost = 0.0
         for i in range(n):
             at = dofs[i]
             moves = work[row.u_free + at] + run.displacement_gain * solved[at] - work[row.u + at]
             old, old_force = work[strains_at(row) + j * n + i], work[forces_at(row) + j * n + i]
-            new, new_force = kept * old + moved * moves, kept * old_force + moved * run.dt * work[rate + i]
+            new, new_force = c_e * old + c_u * moves, c_e * old_force + c_u * run.dt * work[rate + i]
             lost += (old + new) * (old_force + new_force)
             work[strains_at(row) + j * n + i], work[forces_at(row) + j * n + i] = new, new_force
         work[row.relaxed_loss] += 0.5 * share * strength * relaxing(pools, c, HALF_RATIO, j) * lost

@@ -225,17 +225,17 @@ def add_all_norms(pools: Any, window: int) -> None:
     acts = 0.0
     put_in = 0.0
     drift = 0.0
-    known = True
+    complete = True
     cross = 0.0
     for r in range(run.n_norm - run.n_process, run.n_norm):
         at = run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window
         acts = max(acts, work[at])
         put_in = put_in + work[at + 1]
         drift = drift + work[at + 2]
-        known, cross = known and work[at + 1] >= 0.0, cross + work[at + 3]
+        complete, cross = complete and work[at + 1] >= 0.0, cross + work[at + 3]
     work[run.norms + 4 * window] = cross
     work[run.acting] = acts
-    take_works(pools, put_in if known else -1.0, drift)
+    take_works(pools, put_in if complete else -1.0, drift)
 
 
 @kernel
@@ -351,9 +351,9 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
             for e in range(n):
                 at = channels[measured[e] * m + j]
                 x[e], x[n + e] = area[at] * f_hat[at], 0.5 * area[at] * r[at]
-            own, other, both = two_norms(n, single, x) if row.halved_norms == 1 else two_norms(n, table, x)
-            force += own
-            half += other
+            of_force, of_half, both = two_norms(n, single, x) if row.halved_norms == 1 else two_norms(n, table, x)
+            force += of_force
+            half += of_half
             cross += both
     else:  # all vectors as members of one product (n, 2 m)
         for e in range(n):
@@ -435,13 +435,13 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
         for lane in range(min(LANES, count - first)):
             part = (first + lane) // (2 * m)
             odd = lane % 2
-            own = apart * lane
+            offset = apart * lane
             total = 0.0
             cross = 0.0
             # forces stand in even lanes, their half residuals next to them
             other = apart * (lane - odd)  # the force of this half residual
             for d in range(n):
-                total += x[step * d + own] ** 2
-                cross += x[step * d + own] * x[step * d + other]
+                total += x[step * d + offset] ** 2
+                cross += x[step * d + offset] * x[step * d + other]
             work[row.class_norms + 4 * i + 2 * part + odd] += gain * total
             work[row.cross + i] += odd * gain * cross

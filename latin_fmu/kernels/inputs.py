@@ -57,55 +57,55 @@ _SAME_STEP, _DRIFT = 1e-9, 1e-12
 
 
 @kernel
-def rate_over(given: Any, memory: Any, kinds: Any, e: int, span: float, rule: int) -> float:
+def rate_over(inputs: Any, memory: Any, kinds: Any, e: int, span: float, rule: int) -> float:
     """Rate of an input over the communication step, s-1: that set, or that of the causal line."""
     n = len(kinds)
-    value, rate = given[0][e], given[1][e]
+    value, rate = inputs[0][e], inputs[1][e]
     if rule != CAUSAL or kinds[e] == WAVE or rate != 0.0 or memory[RATED * n + e] != 0.0:
         return float(rate)
     # no step before, or a jump from a value that was held
-    held = span == 0.0 or memory[HELD * n + e] == 1.0
-    return float(0.0 if held else (value - memory[BEFORE * n + e]) / span)
+    jump = span == 0.0 or memory[HELD * n + e] == 1.0
+    return float(0.0 if jump else (value - memory[BEFORE * n + e]) / span)
 
 
 @kernel
 def amplitude(
-    given: Any, memory: Any, kinds: Any, e: int, span: float, x: float, total: float, rule: int, dt: float
+    inputs: Any, memory: Any, kinds: Any, e: int, span: float, x: float, total: float, rule: int, dt: float
 ) -> float:
-    """Amplitude of an input x time steps after the start of the communication step. ``given`` : values, rates set."""
-    value = given[0][e]
+    """Amplitude of an input x time steps after the start of the communication step. ``inputs`` : values, rates set."""
+    value = inputs[0][e]
     reached = memory[REACHED * len(kinds) + e]
     kind = kinds[e]
-    if kind == WAVE and rule != HOLD and given[1][e] == 0.0:
+    if kind == WAVE and rule != HOLD and inputs[1][e] == 0.0:
         rule = LINE
     if rule == HOLD:
         return float(value)
     if rule in (LINE, PATH):
         # the value itself at the end, whatever the round-off
         return float(value if x == total else x * ((value - reached) / total) + reached)
-    return float(value + rate_over(given, memory, kinds, e, span, rule) * (x * dt))
+    return float(value + rate_over(inputs, memory, kinds, e, span, rule) * (x * dt))
 
 
 @kernel
 def at_instant(
-    given: Any, memory: Any, kinds: Any, e: int, span: float, j: int, begin: float, total: float, rule: int, dt: float
+    inputs: Any, memory: Any, kinds: Any, e: int, span: float, j: int, begin: float, total: float, rule: int, dt: float
 ) -> float:
     """Amplitude of an input that drives the run after j of the time steps that the communication step ends."""
     n, kind = len(kinds), kinds[e]
     # a step that begins between two instants goes on from what drove the run, and so does a motion
     if j == 0 and (begin > 0.0 or kind not in (LOAD, WAVE)):
         return float(memory[DRIVEN * n + e])
-    now = amplitude(given, memory, kinds, e, span, j - begin, total, rule, dt)
+    now = amplitude(inputs, memory, kinds, e, span, j - begin, total, rule, dt)
     if begin == 0.0 or j > 1 or kind == DISPLACEMENT:
         return now
     # the integral of a line is its middle value times its length
-    middle = amplitude(given, memory, kinds, e, span, -0.5 * begin, total, rule, dt)
+    middle = amplitude(inputs, memory, kinds, e, span, -0.5 * begin, total, rule, dt)
     return float(now + (memory[CARRIED * n + e] / dt - begin * middle))
 
 
 @kernel
 def drive(
-    given: Any,
+    inputs: Any,
     memory: Any,
     kinds: Any,
     e: int,
@@ -121,17 +121,17 @@ def drive(
     displacement its rate over the time step that begins there, after the last one over that."""
     total = (whole + rest) - begin
     if kinds[e] != DISPLACEMENT:
-        return float(at_instant(given, memory, kinds, e, span, j, begin, total, rule, dt))
+        return float(at_instant(inputs, memory, kinds, e, span, j, begin, total, rule, dt))
     if rule == PATH and j == whole:
-        return float(given[1][e])
+        return float(inputs[1][e])
     first = max(min(j, whole - 1), 0)
-    old = at_instant(given, memory, kinds, e, span, first, begin, total, rule, dt)
-    return float((at_instant(given, memory, kinds, e, span, first + 1, begin, total, rule, dt) - old) / dt)
+    old = at_instant(inputs, memory, kinds, e, span, first, begin, total, rule, dt)
+    return float((at_instant(inputs, memory, kinds, e, span, first + 1, begin, total, rule, dt) - old) / dt)
 
 
 @kernel
 def keep(
-    given: Any,
+    inputs: Any,
     memory: Any,
     kinds: Any,
     span: float,
@@ -150,34 +150,34 @@ def keep(
     # length that was made, in time steps
     ended = (done + behind) - begin
     for e in range(n):
-        value, carried = given[0][e], 0.0
+        value, carried = inputs[0][e], 0.0
         if behind > 0.0:
             # since the last instant: the whole step where it has reached none
             part = behind if done > 0 else ended
-            middle = amplitude(given, memory, kinds, e, span, ended - 0.5 * part, total, rule, dt)
+            middle = amplitude(inputs, memory, kinds, e, span, ended - 0.5 * part, total, rule, dt)
             # what was carried is carried on as long as no instant is reached
             carried = part * dt * middle + (memory[CARRIED * n + e] if done == 0 else 0.0)
-        memory[DRIVEN * n + e] = at_instant(given, memory, kinds, e, span, done, begin, total, rule, dt)
-        memory[REACHED * n + e] = amplitude(given, memory, kinds, e, span, ended, total, rule, dt)
+        memory[DRIVEN * n + e] = at_instant(inputs, memory, kinds, e, span, done, begin, total, rule, dt)
+        memory[REACHED * n + e] = amplitude(inputs, memory, kinds, e, span, ended, total, rule, dt)
         memory[CARRIED * n + e] = carried
         # BEFORE is still that of the step before
         memory[HELD * n + e] = 1.0 if span > 0.0 and value == memory[BEFORE * n + e] else 0.0
         memory[BEFORE * n + e] = value
-        if given[1][e] != 0.0:
+        if inputs[1][e] != 0.0:
             memory[RATED * n + e] = 1.0
     return ended * dt
 
 
 @kernel
-def placed(made: float, begin: float, end: float, length: float, off: float) -> tuple[int, float]:
-    """Time steps from the instant ``made`` up to the last one not beyond the end of a communication step, and the
+def placed(instant: float, begin: float, end: float, length: float, off: float) -> tuple[int, float]:
+    """Time steps from the ``instant`` up to the last one not beyond the end of a communication step, and the
     fraction that follows. ``end`` of the step since the start, ``length``, round-off of both ``off``: in time steps. An
     end within round-off of an instant is there; whole time steps from an instant end at one, whatever they add up
     to."""
     n, rest = int(length + 0.5), 0.0
     if begin > 0.0 or n == 0 or abs(length - n) > _SAME_STEP * length + off:
-        n = int(max(end - made, 0.0))
-        rest = max(end - made, 0.0) - n
+        n = int(max(end - instant, 0.0))
+        rest = max(end - instant, 0.0) - n
         near = _SAME_STEP + _DRIFT * end + off
         # within round-off of the next instant
         if rest > 1.0 - near:
@@ -211,10 +211,10 @@ def interpolate(
 
 
 @entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, i8, f8[::1]")
-def rates(value: Any, rate: Any, memory: Any, kinds: Any, span: float, rule: int, made: Any) -> None:
-    """Write the rates of the inputs over a communication step into ``made`` (n_input,)."""
+def rates(value: Any, rate: Any, memory: Any, kinds: Any, span: float, rule: int, out: Any) -> None:
+    """Write the rates of the inputs over a communication step into ``out`` (n_input,)."""
     for e in range(len(kinds)):
-        made[e] = rate_over((value, rate), memory, kinds, e, span, rule)
+        out[e] = rate_over((value, rate), memory, kinds, e, span, rule)
 
 
 @entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, i8, i8, f8, f8 -> f8")

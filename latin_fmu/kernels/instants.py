@@ -154,8 +154,8 @@ def accept(pools: Any, window: int) -> None:
 @kernel
 def again(pools: Any, instant: int, call: int) -> int:
     """Iterate on from a new reference (``correct``); as ``iterate``."""
-    made = int(pools.moving_int[pools.run[0].iterations + call])
-    return iterate(pools, 1, instant, call, made, made, made, pools.run[0].max_iterations)
+    iterations = int(pools.moving_int[pools.run[0].iterations + call])
+    return iterate(pools, 1, instant, call, iterations, iterations, iterations, pools.run[0].max_iterations)
 
 
 @kernel

@@ -66,13 +66,13 @@ BROKEN = 8
 
 
 @kernel
-def measure(pools: Any, window: int, iteration: int, made: int) -> None:
+def measure(pools: Any, window: int, iteration: int, steps: int) -> None:
     """sqrt(eta) into ``measure[0]`` and, where that may end the window or is below tolerance for the first time, the
     force residual into ``measure[1]``. The processes of a run exchange the sums of the next step of the acceleration
-    with them, after ``made`` steps."""
+    with them, after so many ``steps``."""
     residual_parts(pools, window)
     if pools.run[0].shared == 1:
-        difference_parts(pools, window, made)
+        difference_parts(pools, window, steps)
         exchange_parts(pools)
     run, work = pools.run[0], pools.moving
     error = set_error(pools, window)
@@ -114,12 +114,12 @@ def force_norms(pools: Any, window: int) -> None:
 
 
 @kernel
-def stage(pools: Any, window: int, first: int, number: int, begin: int, made: int) -> None:
+def stage(pools: Any, window: int, first: int, number: int, begin: int, steps: int) -> None:
     """One iteration from the q of ``work``: fields of both stages, residual, measures; its ``number`` in the window,
     ``begin`` of them under another reference."""
     linear_stage(pools, window, first, number - begin)
     each_point(pools, window)
-    measure(pools, window, number, made)
+    measure(pools, window, number, steps)
 
 
 @kernel
@@ -166,12 +166,12 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if iteration == 0:
         # their ratio where both are known; scale of the best iterate
         numbers[5], numbers[6] = 1.0, pools.moving[run.scales]
-    merit, known = error / run.tolerance, np.nan
+    merit, both = error / run.tolerance, np.nan
     if np.isfinite(forces) and np.isfinite(merit):
-        known = max(merit, forces / run.force_tolerance)
+        both = max(merit, forces / run.force_tolerance)
         if merit > 0.0:
-            numbers[5] = known / merit
-    merits[2 * iteration], merits[2 * iteration + 1] = merit, known
+            numbers[5] = both / merit
+    merits[2 * iteration], merits[2 * iteration + 1] = merit, both
     allowed = share_of(pools, window, iteration)
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
@@ -205,7 +205,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     bits = 0
     if best == -1.0:
         bits, numbers[6] = BEST, numbers[2]
-        merit = known if np.isfinite(known) else numbers[5] * merit
+        merit = both if np.isfinite(both) else numbers[5] * merit
         # where Newton's method is left, it goes back to there (``leave``)
         if run.newton == 1 and (work[run.course + ACTIVE] == 0.0 or merit < GAIN * work[run.course + BEGUN]):
             for j in range(run.n_flat):

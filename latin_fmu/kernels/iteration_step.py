@@ -137,7 +137,7 @@ def step_on_iteration(pools: Any, size: float, before: float) -> bool:
     for j in range(n):
         q[j] = work[run.old_q + j]
     for k in range(used):
-        own, factor = work[run.basis + k * n : run.basis + (k + 1) * n], small[(VECTORS + 2) * (VECTORS + 1) + k]
+        vector, factor = work[run.basis + k * n : run.basis + (k + 1) * n], small[(VECTORS + 2) * (VECTORS + 1) + k]
         for j in range(n):
-            q[j] += factor * own[j]
+            q[j] += factor * vector[j]
     return bool(np.isfinite(inner(pools, q, q)))

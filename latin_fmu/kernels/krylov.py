@@ -213,8 +213,8 @@ def expand(pools: Any, n: int, rest: float, enough: float) -> int:
     small = work[run.krylov_work : run.krylov_work + SMALL]
     small[(VECTORS + 2) * width] = rest
     for k in range(VECTORS):
-        own, new = work[run.basis + k * n : run.basis + (k + 1) * n], work[run.basis + (k + 1) * n :][:n]
-        multiply(pools, own, scaled)
+        vector, new = work[run.basis + k * n : run.basis + (k + 1) * n], work[run.basis + (k + 1) * n :][:n]
+        multiply(pools, vector, scaled)
         precondition(pools, scaled, inverse, new)
         if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:  # ends for NaN, too
             return k + 1
@@ -227,13 +227,13 @@ def add_combination(pools: Any, n: int, used: int, solution: Array) -> float:
     run, work = pools.run[0], pools.moving
     small = work[run.krylov_work : run.krylov_work + SMALL]
     right = small[(VECTORS + 2) * (VECTORS + 1) :]
-    left = abs(right[used])
+    rest = abs(right[used])
     combine(small, used, VECTORS)
     for k in range(used):
-        own = work[run.basis + k * n : run.basis + (k + 1) * n]
+        vector = work[run.basis + k * n : run.basis + (k + 1) * n]
         for i in range(n):
-            solution[i] += right[k] * own[i]
-    return float(left)
+            solution[i] += right[k] * vector[i]
+    return float(rest)
 
 
 @kernel
@@ -249,7 +249,7 @@ def solve_by_products(pools: Any, n: int, share: float) -> int:
     invert_diagonal(pools, inverse)
     precondition(pools, right, inverse, residual)
     solution[:] = 0.0
-    rest, made = length_of(residual), 1
+    rest, products = length_of(residual), 1
     enough = (max(share, TOLERANCE) if run.tied_super > 0 else BY_DIAGONAL) * rest
     for _ in range(CYCLES):
         if not rest > enough:  # NaN: nothing to be gained
@@ -257,7 +257,7 @@ def solve_by_products(pools: Any, n: int, share: float) -> int:
         for i in range(n):
             residual[i] /= rest
         used = expand(pools, n, rest, enough)
-        made += used
+        products += used
         if add_combination(pools, n, used, solution) <= enough:
             break
         # the true residual, as that of the recursion has lost its digits
@@ -268,4 +268,4 @@ def solve_by_products(pools: Any, n: int, share: float) -> int:
         rest = length_of(residual)
     for i in range(n):
         right[i] = solution[i]
-    return made if np.isfinite(length_of(solution)) else 0
+    return products if np.isfinite(length_of(solution)) else 0

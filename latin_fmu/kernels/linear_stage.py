@@ -96,10 +96,10 @@ def coarse_parts(pools: Any) -> None:
     rest = work[run.s : run.s + n]  # written by ``outgoing`` after this
     for j in range(n):
         rest[j] = q[j] - k[j] * w[j]
-    own = work[run.coarse_own : run.coarse_own + size]
-    own[:] = 0.0
+    parts = work[run.coarse_own : run.coarse_own + size]
+    parts[:] = 0.0
     add_matrix(
-        pools, size, run.coarse_balance_starts, run.coarse_balance_columns, run.coarse_balance_values, 1, rest, own
+        pools, size, run.coarse_balance_starts, run.coarse_balance_columns, run.coarse_balance_values, 1, rest, parts
     )
 
 
@@ -112,14 +112,14 @@ def balance(pools: Any) -> None:
     direction = pools.fixed
     n = run.n_flat
     size = run.n_coarse
-    own = run.n_coarse_here
+    n_here = run.n_coarse_here
     q, w = work[run.q : run.q + n], work[run.w : run.w + n]
-    total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + size + own]
+    total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + size + n_here]
     # F + F' over each interface, which is 0 in balance
     for i in range(size):
         first, second = pools.fixed_int[run.coarse_order + i], pools.fixed_int[run.coarse_order + size + i]
         total[i] = work[run.coarse_parts + first] + work[run.coarse_parts + second]
-    for i in range(own):
+    for i in range(n_here):
         line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
         now = 0.0
         for j in range(size):

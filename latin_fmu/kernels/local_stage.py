@@ -252,11 +252,11 @@ def _follow_plan(pools: Any, g: int, low: int, high: int) -> None:
         return
     h = group.n_component
     for p in range(low, high):
-        held = work[group.traction + p * h : (p + 1) * h + group.traction]
+        traction = work[group.traction + p * h : (p + 1) * h + group.traction]
         for c in range(h):
             # the sides move as the law says but for what is made up
             error = -run.make_up * work[group.planned + p * h + c]
-            _advance_drift(pools, g, group.planned, p * h + c, error, _kept(group, held, c))
+            _advance_drift(pools, g, group.planned, p * h + c, error, _kept(group, traction, c))
 
 
 @kernel
@@ -271,7 +271,7 @@ def _kept(group: Any, traction: Array, c: int) -> bool:
 
 
 @kernel
-def _advance_drift(pools: Any, g: int, to: int, j: int, error: float, kept: bool) -> None:
+def _advance_drift(pools: Any, g: int, to: int, j: int, error: float, in_place: bool) -> None:
     """Drift j of a group in the array ``to`` after an instant in which the velocity of the sides exceeds that of the
     law by ``error``, by the displacement recursion of the scheme; 0 where the law fixes no place."""
     group = pools.groups[g]
@@ -279,7 +279,7 @@ def _advance_drift(pools: Any, g: int, to: int, j: int, error: float, kept: bool
     work = pools.moving
     size = group.n_point * group.n_component
     velocity, rate = work[to + size + j], work[to + 2 * size + j]
-    if not kept:  # nothing to be made up where the place is free
+    if not in_place:  # nothing to be made up where the place is free
         work[to + j] = 0.0
         work[to + size + j] = 0.0
         work[to + 2 * size + j] = 0.0
@@ -309,7 +309,7 @@ def follow_drift(pools: Any, i: int) -> None:
             _start_window(pools, g, 0, group.n_point)
         for p in range(group.n_point):
             owned = pools.fixed_int[run.interface + first + p * h] < run.n_owned  # by one process
-            held = work[run.local_f + at + first + p * h : run.local_f + at + first + (p + 1) * h]
+            traction = work[run.local_f + at + first + p * h : run.local_f + at + first + (p + 1) * h]
             for c in range(h):
                 j = p * h + c
                 planned = run.make_up * work[group.planned + j]
@@ -321,14 +321,14 @@ def follow_drift(pools: Any, i: int) -> None:
                     work[far] += (1.0 - share) * planned
                 moved = work[run.moved + second + j] - work[run.moved + first + j]
                 # before the drift is advanced
-                kept = _kept(group, held, c)
+                in_place = _kept(group, traction, c)
                 error = moved - (work[far] - work[near])
                 before = work[group.drift + j]
-                _advance_drift(pools, g, group.drift, j, error, kept)
-                if owned and kept:
-                    lost += area[first + j] * held[c] * (work[group.drift + j] - before)
+                _advance_drift(pools, g, group.drift, j, error, in_place)
+                if owned and in_place:
+                    lost += area[first + j] * traction[c] * (work[group.drift + j] - before)
                 # longer windows: what the next instant makes up
-                _advance_drift(pools, g, group.planned, j, -planned, kept)
+                _advance_drift(pools, g, group.planned, j, -planned, in_place)
     work[run.works + OF_DRIFT] -= lost
 
 
@@ -337,8 +337,8 @@ def _share(pools: Any, g: int, p: int, c: int) -> float:
     """Share of side E in a jump of velocities at a point in the direction c, in the ratio of the 1/k of both sides."""
     group = pools.groups[g]
     both = pools.fixed[group.z_sum + 2 * p + min(c, 1)]  # normal or tangential
-    own = pools.fixed[pools.run[0].z + group.start + p * group.n_component + c]
-    return float(own / both) if both > 0.0 else 0.0
+    near = pools.fixed[pools.run[0].z + group.start + p * group.n_component + c]
+    return float(near / both) if both > 0.0 else 0.0
 
 
 @kernel
@@ -384,8 +384,8 @@ def open_window(pools: Any, window: int, instant: int) -> None:
         h = group.n_component
         width = h if group.elastic == 1 else 1
         count = group.n_point * width
-        kept = group.layer if group.elastic == 1 else group.gap
-        start, state = work[group.opened + 3 * count : group.opened + 4 * count], work[kept : kept + count]
+        place = group.layer if group.elastic == 1 else group.gap
+        start, state = work[group.opened + 3 * count : group.opened + 4 * count], work[place : place + count]
         for j in range(count):
             start[j] = state[j]
         # the gap of the law is G - D
@@ -489,10 +489,10 @@ def read_gaps(pools: Any, instant: int, ended: bool) -> None:
         gap, second = pools.moving[group.gap : group.gap + n_point], group.start + n_point * h
         initial = pools.fixed[group.initial_gap : group.initial_gap + n_point]
         at = run.history_gap + (instant - run.first_row) * run.n_point + group.first_point
-        first, kept = group.start, pools.moving[at : at + n_point]
+        first, history = group.start, pools.moving[at : at + n_point]
         for p in range(n_point):
             gap[p] = initial[p] + displacement[second + p * h] - displacement[first + p * h]
-            kept[p] = gap[p]
+            history[p] = gap[p]
         if group.elastic == 1:
             start = pools.moving[group.layer : group.layer + n_point * h]
             for j in range(n_point * h):
@@ -513,15 +513,15 @@ def _relax(pools: Any, g: int, displacement: Array, ended: bool) -> None:
     start, second = state[group.layer : group.layer + size], group.start + size
     for p in range(group.n_point):
         at = group.relaxation + 3 * p
-        kept = pools.fixed[at]
-        moved = pools.fixed[at + 1]
-        left = pools.fixed[at + 2]
+        c_e = pools.fixed[at]
+        c_u = pools.fixed[at + 1]
+        ratio = pools.fixed[at + 2]
         for c in range(h):
             j = p * h + c
             jump = displacement[second + j] - displacement[group.start + j]
             if c == 0:
                 jump += pools.fixed[group.initial_gap + p]
             if ended:
-                stretch[j] = kept * stretch[j] + moved * (jump - apart[j])
+                stretch[j] = c_e * stretch[j] + c_u * (jump - apart[j])
             apart[j] = jump
-            start[j] += left * stretch[j] - jump
+            start[j] += ratio * stretch[j] - jump

@@ -78,17 +78,17 @@ def leave_instant(pools: Any, c: int) -> None:
     size = row.n * row.m
     u, u_free = state[row.u : row.u + size], state[row.u_free : row.u_free + size]
     for j in range(row.n_branch):
-        kept, moved = weight(pools, c, OF_ELONGATION, j), weight(pools, c, OF_MOTION, j)
+        c_e, c_u = weight(pools, c, OF_ELONGATION, j), weight(pools, c, OF_MOTION, j)
         at = row.elongation + j * size
         elongation = state[at : at + size]
         if row.kind == EXPLICIT:
             # both halves of the step: u_free is the place in its middle
             for i in range(size):
-                middle = kept * elongation[i] + moved * (u_free[i] - u[i])
-                elongation[i] = kept * middle - moved * u_free[i]
+                middle = c_e * elongation[i] + c_u * (u_free[i] - u[i])
+                elongation[i] = c_e * middle - c_u * u_free[i]
         else:
             for i in range(size):
-                elongation[i] = kept * elongation[i] - moved * u[i]
+                elongation[i] = c_e * elongation[i] - c_u * u[i]
 
 
 @kernel
@@ -168,15 +168,15 @@ def account_branches(pools: Any, c: int, instant: int, step: Array, force: Array
             change[i] -= new[i]
     for j in range(row.n_branch):
         strength = weight(pools, c, STRENGTH, j)
-        kept = weight(pools, c, OF_ELONGATION, j)
-        moved = weight(pools, c, OF_MOTION, j)
+        c_e = weight(pools, c, OF_ELONGATION, j)
+        c_u = weight(pools, c, OF_MOTION, j)
         elongation, strained = fields_of(pools, c, j, wide)
         whole_elongation(pools, c, j, instant, new)
         # the sums of both instants first: the loss is a product of them
         for i in range(wide):
             elongation[i] += new[i]
             before = strained[i]
-            strained[i] = kept * before + moved * change[i]
+            strained[i] = c_e * before + c_u * change[i]
             new[i] = before + strained[i]
         lost = 0.5 * strength * weight(pools, c, HALF_RATIO, j)
         add_dot(m, lost, elongation, new, totals[DAMPED * m : (DAMPED + 1) * m])
@@ -203,8 +203,8 @@ def account_explicit_branches(
     of_loads = totals[WORK_OF_LOADS * m : (WORK_OF_LOADS + 1) * m]
     for j in range(row.n_branch):
         strength = weight(pools, c, STRENGTH, j)
-        kept = weight(pools, c, OF_ELONGATION, j)
-        moved = weight(pools, c, OF_MOTION, j)
+        c_e = weight(pools, c, OF_ELONGATION, j)
+        c_u = weight(pools, c, OF_MOTION, j)
         lost = 0.5 * strength * weight(pools, c, HALF_RATIO, j)
         elongation, strained = fields_of(pools, c, j, wide)
         for member in range(m):
@@ -216,8 +216,8 @@ def account_explicit_branches(
                 last = step[i] - first[i]
                 of_last = of_step[i] - of_first[i]
                 e, k_e = elongation[i], strained[i]
-                middle, k_middle = kept * e + moved * first[i], kept * k_e + moved * of_first[i]
-                new, k_new = kept * middle + moved * last, kept * k_middle + moved * of_last
+                middle, k_middle = c_e * e + c_u * first[i], c_e * k_e + c_u * of_first[i]
+                new, k_new = c_e * middle + c_u * last, c_e * k_middle + c_u * of_last
                 loss += (e + middle) * (k_e + k_middle) + (middle + new) * (k_middle + k_new)
                 scheme += first[i] * (k_middle - k_e) - last * (k_new - k_middle)
                 stored += new * k_new

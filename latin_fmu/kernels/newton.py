@@ -165,10 +165,10 @@ def change_tractions(pools: Any, size: int) -> bool:
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     if size > 0 and run.krylov == 1:
-        made = solve_by_products(pools, size, share_left(pools))
-        if made == 0:
+        products = solve_by_products(pools, size, share_left(pools))
+        if products == 0:
             return False
-        work[run.course + PRODUCTS] += float(made)
+        work[run.course + PRODUCTS] += float(products)
         for j in range(n):  # -rho again: the products took it for scratch
             x[j] = work[run.local_f + j] - work[run.f + j]
     elif size > 0 and not solve_active(pools):
@@ -376,13 +376,13 @@ def continues(pools: Any, iteration: int) -> bool:
         cost = min(cost, activate(pools) * run.newton_price + BESIDE)
     span = min(RECENT, iteration) if run.static == 1 else 2
     past = _merit(pools, iteration - span)
-    left = _left(now, past, span, 1.0)
+    rest = _left(now, past, span, 1.0)
     if run.static == 1:
-        left = _left(now, past, span, share_to_meet(count + left))
+        rest = _left(now, past, span, share_to_meet(count + rest))
     if run.krylov == 1 and finish[4] > 0.0:  # what the last instant without steps took is known
         pays = finish[4] - count > cost or count >= max(cost, finish[4])
     else:
-        pays = _pays(cost, count, SLOWER * left if run.krylov == 1 else left)
+        pays = _pays(cost, count, SLOWER * rest if run.krylov == 1 else rest)
     if not pays:
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
@@ -399,10 +399,10 @@ def share_to_meet(count: float) -> float:
 def price_of_products(pools: Any) -> float:
     """Cost of the steps by products that end an instant, in iterations: what those of the last one did cost."""
     run = pools.run[0]
-    known = pools.moving[run.finish + 5]
+    price = pools.moving[run.finish + 5]
     # where the points have settled steps are tried once, whatever they cost: few are needed then
-    if known > 0.0 or pools.moving[run.finish] > 0.0:
-        return float(known)
+    if price > 0.0 or pools.moving[run.finish] > 0.0:
+        return float(price)
     products = SOME if run.tied_super > 0 else MANY
     return float(UNSETTLED * (products * run.newton_price + BESIDE))
 
@@ -412,8 +412,8 @@ def _merit(pools: Any, iteration: int) -> float:
     """Distance of an iterate from both tolerances; where that from one is known, from the other in their last ratio."""
     run = pools.run[0]
     at = run.merits + 2 * iteration
-    known = pools.moving[at + 1]
-    return float(known if np.isfinite(known) else pools.moving[run.measure + 5] * pools.moving[at])
+    merit = pools.moving[at + 1]
+    return float(merit if np.isfinite(merit) else pools.moving[run.measure + 5] * pools.moving[at])
 
 
 @kernel
@@ -439,10 +439,10 @@ def keep_course(pools: Any) -> None:
         course[TANGENTS] = sum_of_tangents(pools)
     if run.shared == 1 and compared:
         call_out(pools, SUM, run.course + TANGENTS, 1, 0)
-    left = course[LEFT] == 1.0  # the steps did not end it
-    same = compared and course[TANGENTS] == finish[1] and run.krylov == 0 and not left
+    retreat = course[LEFT] == 1.0  # the steps did not end it
+    same = compared and course[TANGENTS] == finish[1] and run.krylov == 0 and not retreat
     steps, warm = course[MADE] if course[MADE] > 0.0 else abs(finish[0]), finish[0] > 0.0
-    finish[0], finish[1] = steps if course[MADE] > 0.0 and not left else -steps, course[TANGENTS]
+    finish[0], finish[1] = steps if course[MADE] > 0.0 and not retreat else -steps, course[TANGENTS]
     finish[2] = finish[2] + 1.0 if same else 0.0
     finish[3] = course[LAST] + 1.0 + (finish[3] if same else 0.0)
     if run.krylov == 0:
@@ -455,11 +455,11 @@ def keep_course(pools: Any) -> None:
 
 
 @kernel
-def _pays(cost: float, count: int, left: float) -> bool:
-    """Whether steps that cost so many iterations cost less than those that they save, which are ``left``. Where the
+def _pays(cost: float, count: int, rest: float) -> bool:
+    """Whether steps that cost so many iterations cost less than those that they save, the ``rest``. Where the
     iterations made have cost as much already, their rate is not relied on: the whole costs at most twice the better of
     both ways."""
-    return bool(count >= cost or left > cost)
+    return bool(count >= cost or rest > cost)
 
 
 @kernel
@@ -485,7 +485,7 @@ def advance_iterate(pools: Any, window: int, iteration: int, phase: int) -> None
     """Next q after an iterate that has not converged: by the acceleration, or left to a Newton step."""
     if window == 1 and continues(pools, iteration):
         return
-    made = steps_made(pools, window, iteration, phase)
+    steps = steps_made(pools, window, iteration, phase)
     if pools.run[0].shared == 0:  # else they have been exchanged with the measures (``iteration.measure``)
-        difference_parts(pools, window, made)
-    next_iterate(pools, window, made)
+        difference_parts(pools, window, steps)
+    next_iterate(pools, window, steps)

@@ -53,8 +53,8 @@ def count_iterations(pools: Any, call: int) -> None:
 
 
 @kernel
-def keep_outputs(pools: Any, row: int, j: int, made: int) -> None:
-    """Outputs after a time step of the call, ``row``, which is j of the communication step and ``made`` since the
+def keep_outputs(pools: Any, row: int, j: int, steps: int) -> None:
+    """Outputs after a time step of the call, ``row``, which is j of the communication step and ``steps`` since the
     start."""
     run = pools.run[0]
     moving = pools.moving
@@ -62,8 +62,8 @@ def keep_outputs(pools: Any, row: int, j: int, made: int) -> None:
     gather(pools, row)
     at = run.output + row * run.n_output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0
-    moving[at + 3], moving[at + 4] = j, moving[progress + 6] + made * run.dt
-    follow_events(pools, row, made)
+    moving[at + 3], moving[at + 4] = j, moving[progress + 6] + steps * run.dt
+    follow_events(pools, row, steps)
 
 
 @kernel
@@ -213,8 +213,8 @@ def status_at(pools: Any, row: int, g: int, p: int) -> int:
     """Contact state of a point of a group at the instant of a row."""
     run, group = pools.run[0], pools.groups[g]
     h, n_parameter = group.n_component, group.n_parameter
-    at, own = run.history_f + row * run.n_flat + group.start + p * h, group.parameters + p * n_parameter
-    traction, parameters = pools.moving[at : at + h], pools.fixed[own : own + n_parameter]
+    at, place = run.history_f + row * run.n_flat + group.start + p * h, group.parameters + p * n_parameter
+    traction, parameters = pools.moving[at : at + h], pools.fixed[place : place + n_parameter]
     return int(contact_status(group.law, traction, parameters, run.no_contact))
 
 
@@ -238,7 +238,7 @@ def set_ratios(pools: Any, row: int) -> None:
 
 
 @kernel
-def follow_events(pools: Any, row: int, made: int) -> None:
+def follow_events(pools: Any, row: int, steps: int) -> None:
     """Counts and instants of touches, separations and slips in the time step that ends at a row."""
     run = pools.run[0]
     moving = pools.moving
@@ -257,23 +257,23 @@ def follow_events(pools: Any, row: int, made: int) -> None:
         pressing, ratio = summary[PRESSING], run.friction_ratio + row * run.n_interface + i
         rates, rate = run.event_rates + 2 * i, (moving[ratio] - moving[ratio - run.n_interface]) / dt
         if closed and not was:
-            count_event(pools, to, made, time_to_touch(pools, row, summary))
+            count_event(pools, to, steps, time_to_touch(pools, row, summary))
         elif was and not closed:
             # the force falls to zero at its last rate
-            count_event(pools, to + 2, made, time_of(moving[old + pressing], -moving[rates]))
+            count_event(pools, to + 2, steps, time_of(moving[old + pressing], -moving[rates]))
         elif was and stuck and not sticks:
             # the ratio reaches that of sliding, its new value, at its last rate
-            count_event(pools, to + 4, made, time_of(rate * dt, moving[rates + 1]))
+            count_event(pools, to + 4, steps, time_of(rate * dt, moving[rates + 1]))
         moving[rates] = (moving[new + pressing] - moving[old + pressing]) / dt if closed else 0.0
         moving[rates + 1] = rate if closed else 0.0
 
 
 @kernel
-def count_event(pools: Any, at: int, made: int, after: float) -> None:
-    """Count an event so long after the start of the time step ``made``, at most at its end."""
+def count_event(pools: Any, at: int, step: int, after: float) -> None:
+    """Count an event so long after the start of the time step ``step``, at most at its end."""
     run, moving = pools.run[0], pools.moving
     moving[at] += 1.0
-    instant = (made - 1) * run.dt + after if after < run.dt else made * run.dt
+    instant = (step - 1) * run.dt + after if after < run.dt else step * run.dt
     moving[at + 1] = moving[run.progress + 6] + instant
 
 

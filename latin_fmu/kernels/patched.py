@@ -27,13 +27,13 @@ def _memory(_context: Any, block: Any, numbers: Any) -> Any:
 
         arrays: Any = arrayobj
         whole = arrays.make_array(signature.args[0])(context, builder, values[0])
-        made = arrays.make_array(kind)(context, builder)
+        view = arrays.make_array(kind)(context, builder)
         size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
         width, bytes_of = (context.get_constant(types.intp, n) for n in (8 // size, size))
         count = builder.mul(builder.extract_value(whole.shape, 0), width)
-        data = builder.bitcast(whole.data, made.data.type)
-        arrays.populate_array(made, data, shape=[count], strides=[bytes_of], itemsize=bytes_of, meminfo=None)
-        return made._getvalue()
+        data = builder.bitcast(whole.data, view.data.type)
+        arrays.populate_array(view, data, shape=[count], strides=[bytes_of], itemsize=bytes_of, meminfo=None)
+        return view._getvalue()
 
     return kind(block, numbers), generate
 
@@ -67,10 +67,10 @@ def patched_product(header: Any, numbers: Any, x: Array, out: Array, scratch: Ar
         placed[i] = x[order[i]]
     at, r = 0, 0
     for p in range(count):
-        size, own = first[p + 1] - first[p], placed[first[p] : first[p + 1]]
-        packed_product(size, numbers[at:], own, answer[first[p] : first[p + 1]])
+        size, values = first[p + 1] - first[p], placed[first[p] : first[p + 1]]
+        packed_product(size, numbers[at:], values, answer[first[p] : first[p + 1]])
         at += size * (size + 1) // 2
-        project(size, ranks[p], numbers[at:], own, shares[r:])
+        project(size, ranks[p], numbers[at:], values, shares[r:])
         at += ranks[p] * size
         r += ranks[p]
     packed_product(rank, numbers[at:], shares, between)
@@ -102,13 +102,13 @@ def patched_norms(header: Any, numbers: Any, x: Array, pairs: int, scratch: Arra
     at, r = 0, 0
     for p in range(count):
         low, size = first[p], first[p + 1] - first[p]
-        own, bases = placed[2 * pairs * low : 2 * pairs * (low + size)], at + size * (size + 1) // 2
+        values, bases = placed[2 * pairs * low : 2 * pairs * (low + size)], at + size * (size + 1) // 2
         for k in range(2 * pairs):
             for i in range(size):
-                own[k * size + i] = x[k * n + order[low + i]]
-            project(size, ranks[p], numbers[bases:], own[k * size : (k + 1) * size], shares[k * rank + r :])
+                values[k * size + i] = x[k * n + order[low + i]]
+            project(size, ranks[p], numbers[bases:], values[k * size : (k + 1) * size], shares[k * rank + r :])
         for k in range(pairs):
-            _add_two_norms(size, numbers[at:], own[2 * k * size :], sums[3 * k :])
+            _add_two_norms(size, numbers[at:], values[2 * k * size :], sums[3 * k :])
         at = bases + ranks[p] * size
         r += ranks[p]
     for k in range(pairs):

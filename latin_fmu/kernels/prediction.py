@@ -115,13 +115,13 @@ def _fitted(pools: Any, x: Array) -> float:
             gram[a * ORDER + b] = products[(a + 1) * KEPT + b + 1]
     least_squares(gram, ORDER, right, ORDER, scratch[ORDER * (ORDER + 1) :], x)
     whole = products[0]
-    left = products[0]
+    misfit = products[0]
     length = 0.0
     for a in range(ORDER):
-        left -= 2.0 * x[a] * right[a]
+        misfit -= 2.0 * x[a] * right[a]
         for b in range(ORDER):
-            left += x[a] * x[b] * gram[a * ORDER + b]
+            misfit += x[a] * x[b] * gram[a * ORDER + b]
             length += x[a] * x[b] * products[a * KEPT + b]
     if not (whole > 0.0 and length <= GROWTH * GROWTH * whole):
         return np.inf
-    return float(np.sqrt(max(left, EXACT * whole) / whole))
+    return float(np.sqrt(max(misfit, EXACT * whole) / whole))

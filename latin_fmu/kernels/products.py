@@ -119,12 +119,12 @@ def add_dense_members(rows: int, columns: int, table: Array, m: int, x: Array, o
             add_dense_tile(rows, columns, table, m, first, x, out, scratch)
         return
     # one member at a time, side by side in memory
-    own, total = scratch[:columns], scratch[columns : columns + rows]
+    member, total = scratch[:columns], scratch[columns : columns + rows]
     for j in range(m):
         for i in range(columns):
-            own[i] = x[i * m + j]
+            member[i] = x[i * m + j]
         total[:] = 0.0
-        add_dense(rows, columns, table, own, total)
+        add_dense(rows, columns, table, member, total)
         for i in range(rows):
             out[i * m + j] += total[i]
 
@@ -141,10 +141,10 @@ def packed_product(n: int, a: Any, x: Array, out: Array) -> None:
         last = a[at + 2 * i + 2]
         x0, x1 = x[i], x[i + 1]
         t0, t1 = corner * x0 + below * x1, below * x0 + last * x1
-        known, into = x[:i], out[:i]
+        head, into = x[:i], out[:i]
         for j in range(i):
-            t0 += first[j] * known[j]
-            t1 += second[j] * known[j]
+            t0 += first[j] * head[j]
+            t1 += second[j] * head[j]
             into[j] += first[j] * x0 + second[j] * x1
         out[i], out[i + 1] = t0, t1
         at += 2 * i + 3  # to row i + 2
@@ -190,11 +190,11 @@ def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scr
     elif m >= TILED:
         dense_product(n, matrix, m, x, out, scratch)
     else:
-        own, total = scratch[:n], scratch[n : 2 * n]
+        member, total = scratch[:n], scratch[n : 2 * n]
         for j in range(m):
             for i in range(n):
-                own[i] = x[i * m + j]
-            packed_product(n, matrix, own, total)
+                member[i] = x[i * m + j]
+            packed_product(n, matrix, member, total)
             for i in range(n):
                 out[i * m + j] = total[i]
 

@@ -204,18 +204,18 @@ def _forward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, wh
     for e in range(0, len(ranges), 2):
         low, high = ranges[e], ranges[e + 1]
         begin, end = pools.fixed_int[row.first + low] * width, pools.fixed_int[row.first + high] * width
-        own, given = work[into + begin : into + end], work[at + begin : at + end]
+        sums, vector = work[into + begin : into + end], work[at + begin : at + end]
         # what the children left is there, and the right-hand side is added; a leaf begins with the latter
         if into != at and len(children) > 0:
-            for i in range(len(own)):
-                own[i] += given[i]
+            for i in range(len(sums)):
+                sums[i] += vector[i]
         elif into != at:
-            for i in range(len(own)):
-                own[i] = given[i]
+            for i in range(len(sums)):
+                sums[i] = vector[i]
         sweep(pools, c, into, low, high, row.piece_tile + t * SPARE * LANES, with_k, False, whole)
         if into != at:  # the solution belongs to the vector itself
-            for i in range(len(own)):
-                given[i] = own[i]
+            for i in range(len(sums)):
+                vector[i] = sums[i]
 
 
 @kernel
@@ -337,14 +337,14 @@ def add_squares(pools: Any, c: int, rows: int, count: int, factor: float, x: Arr
         for i in range(n):
             out[i] += (t0 * first[i] + t1 * second[i]) + (t2 * third[i] + t3 * fourth[i])
     for p in range(begun, count):
-        own = pools.fixed[rows + p * n : rows + (p + 1) * n]
+        line = pools.fixed[rows + p * n : rows + (p + 1) * n]
         for j in range(m):
             rate = 0.0
             for i in range(n):
-                rate += own[i] * x[i * m + j]
+                rate += line[i] * x[i * m + j]
             rate *= factor
             for i in range(n):
-                out[i * m + j] += own[i] * rate
+                out[i * m + j] += line[i] * rate
 
 
 @kernel
@@ -380,9 +380,9 @@ def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Ar
     parts = pools.fixed_int[parts_at : parts_at + 3 * PARTS]
     # in the order of the parts, whichever thread made them
     for t in range(1, PARTS if m == 1 else 0):
-        own = work[row.piece_work + (t - 1) * n : row.piece_work + t * n]
+        part = work[row.piece_work + (t - 1) * n : row.piece_work + t * n]
         for i in range(parts[3 * t + 2], parts[3 * t + 1]):
-            out[i] += own[i]
+            out[i] += part[i]
 
 
 @kernel
@@ -397,12 +397,12 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
     if m == 2:  # two members: each a vector of its own
         x, out = work[source : source + 2 * n], work[into : into + 2 * n]
         tile = tile_at(row, t)
-        own, total = work[tile : tile + n], work[tile + n : tile + 2 * n]
+        member, total = work[tile : tile + n], work[tile + n : tile + 2 * n]
         # one member out of rows of two, side by side in memory
         for i in range(n):
-            own[i], total[i] = x[2 * i + t], 0.0
+            member[i], total[i] = x[2 * i + t], 0.0
         together = pools.fixed_col[together_at : together_at + n]
-        half_product(0, n, diagonal, together, starts, columns, values, factor, own, total)
+        half_product(0, n, diagonal, together, starts, columns, values, factor, member, total)
         for i in range(n):
             out[2 * i + t] += total[i]
         return
@@ -456,9 +456,9 @@ def _dense_part(pools: Any, c: int, t: int, table: int, source: int, into: int, 
         matrix = pools.fixed[table : table + n * n]
         dense_tile(n, matrix, m, t * LANES, x, out, work[at : at + (n + SPARE) * LANES])
         return
-    own, total = work[at : at + n], work[at + n : at + 2 * n]
+    member, total = work[at : at + n], work[at + n : at + 2 * n]
     for i in range(n):
-        own[i] = x[i * m + t]
-    packed_product(n, pools.fixed[table : table + n * (n + 1) // 2], own, total)
+        member[i] = x[i * m + t]
+    packed_product(n, pools.fixed[table : table + n * (n + 1) // 2], member, total)
     for i in range(n):
         out[i * m + t] = total[i]

@@ -225,9 +225,9 @@ def channel_velocity(pools: Any, c: int, instant: int) -> None:
     gain = run.interface_gain
     for i in range(n_inner):
         for j in range(m):
-            at, own = dofs[i] * m + j, i * m + j
+            at, place = dofs[i] * m + j, i * m + j
             # u is that of the old instant still; the acceleration enters by ``gain`` alone
-            reached[own] = of_old * u[at] + of_u * u_free[at] + of_v * v_free[at] + gain * free_a[own]
+            reached[place] = of_old * u[at] + of_u * u_free[at] + of_v * v_free[at] + gain * free_a[place]
     w_free[:] = 0.0
     add_trace(pools, c, reached, w_free, False)
     add_sum(pools, c, VELOCITIES, instant, 1.0, w_free)

@@ -258,9 +258,9 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
         pools.moving[row.state + e] = work[row.kept_states + begin * row.n_state + e]
     for i in range(begin * stride, window):
         if i % stride == 0 and i > 0:
-            kept = row.kept_states + (i // stride) * row.n_state
+            store = row.kept_states + (i // stride) * row.n_state
             for e in range(row.n_state):
-                work[kept + e] = pools.moving[row.state + e]
+                work[store + e] = pools.moving[row.state + e]
         q, f = work[run.q + i * n : run.q + (i + 1) * n], work[run.f + i * n : run.f + (i + 1) * n]
         w = work[run.w + i * n : run.w + (i + 1) * n]
         predict(pools, c, first + i)

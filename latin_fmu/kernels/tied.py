@@ -36,13 +36,13 @@ def invert_diagonal(pools: Any, out: Array) -> None:
     for p in range(run.n_place):
         group, at = pools.groups[pools.fixed_int[run.point_group + p]], pools.fixed_int[run.point_number + p]
         for i in range(unknown_of[p], unknown_of[p + 1]):
-            softness, own = work[run.softness + 3 * i + i - unknown_of[p]], 0.0
+            softness, diagonal = work[run.softness + 3 * i + i - unknown_of[p]], 0.0
             for a in range(group.n_component):
                 z = pools.fixed[group.z_sum + 2 * at + min(a, 1)]
-                own += z * work[run.rows + 3 * i + a] * work[run.columns + 3 * i + a]
-            total = own + softness
+                diagonal += z * work[run.rows + 3 * i + a] * work[run.columns + 3 * i + a]
+            total = diagonal + softness
             out[i] = 1.0 / total if total > 0.0 else 1.0  # nothing at its own point: no scaling
-            if run.tied_super > 0 and softness <= own:
+            if run.tied_super > 0 and softness <= diagonal:
                 out[i] = 0.0
 
 

@@ -141,12 +141,12 @@ def class_points(layout: Layout, interfaces: Sequence[InterfaceUnit], channels: 
     positions, at = list[Array](), list[Index]()
     for i, unit in enumerate(interfaces):
         for side in (0, 1):
-            own = row[layout.channels(i, side)]
+            places = row[layout.channels(i, side)]
             # a side belongs to one substructure: its first channel is enough
-            if own[0, 0] >= 0:
+            if places[0, 0] >= 0:
                 positions.append(unit.geometry.points)
                 # of a frictionless interface N alone
-                at.append(np.pad(own, ((0, 0), (0, 3 - own.shape[1])), constant_values=-1))
+                at.append(np.pad(places, ((0, 0), (0, 3 - places.shape[1])), constant_values=-1))
     # a class that nothing touches
     if not at:
         return Points(np.zeros((0, 3)), np.zeros((0, 3), dtype=row.dtype), np.zeros(0, dtype=row.dtype))
@@ -318,7 +318,7 @@ class Assembly:
 
     def take_interfaces(self, whole: Assembly, interfaces: Sequence[int], channels: Index) -> None:
         """Make this copy of an assembly one of these of its interfaces, with these of its channels."""
-        numbers = {i: own for own, i in enumerate(interfaces)}
+        numbers = {i: number for number, i in enumerate(interfaces)}
         self._impedance = whole._impedance[channels]
         self.ground = Ground(self.layout, self.interfaces, self.quasi_static)
         self.ground.take(whole.ground, numbers)

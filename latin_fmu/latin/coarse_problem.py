@@ -55,11 +55,11 @@ class CoarseProblem:
         responses = sp.lil_array(motions.shape)
         for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
             for member in range(channels.shape[1]):
-                own = channels[:, member]
-                load = self._incoming[own]
+                rows = channels[:, member]
+                load = self._incoming[rows]
                 # only columns of the interfaces of this substructure
                 touched = np.unique(load.indices)
-                responses[own[:, None], touched] = _responses(propagator, load[:, touched].toarray())
+                responses[rows[:, None], touched] = _responses(propagator, load[:, touched].toarray())
         self._response = sp.csr_array(responses)
         operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._response)).toarray()
         # the balance is that of both sides together
@@ -119,10 +119,10 @@ def _motions(assembly: Assembly, k: Array) -> tuple[sp.csr_array, Index]:
             size = np.sqrt(assembly.layout.area[first])[:, None]
             # orthonormal in the area of the points; dependent motions have no strength
             shapes, strength, _ = la.svd(size * basis, full_matrices=False)
-            kept = strength > _SAME * strength[0]
+            modes = strength > _SAME * strength[0]
             rows.append(np.concatenate([first, second]))
-            columns.append(np.tile(shapes[:, kept] / size, (2, 1)))
-            numbers += [i] * int(kept.sum())
+            columns.append(np.tile(shapes[:, modes] / size, (2, 1)))
+            numbers += [i] * int(modes.sum())
     n = assembly.layout.n_flat
     starts = np.cumsum([0, *(c.shape[1] for c in columns)])
     blocks = [

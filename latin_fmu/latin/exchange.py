@@ -31,8 +31,10 @@ class Exchange:
         self._image = image
         run, gathering = image.run_fields, self.processes.gathering
         width, owned = run["part_width"], list(map(len, part.owned))
-        own, every = (image.field(name, n * width) for name, n in (("own_parts", part.n_owned), ("parts", sum(owned))))
-        self.parts = gathering(own, every, [n * width for n in owned])
+        local, every = (
+            image.field(name, n * width) for name, n in (("own_parts", part.n_owned), ("parts", sum(owned)))
+        )
+        self.parts = gathering(local, every, [n * width for n in owned])
         self._norms: dict[int, Callable[[], None]] = {}
         self._neighbours: dict[int, Callable[[], None]] = {}
         # classes of which several processes have members
@@ -66,8 +68,8 @@ class Exchange:
             messages = []
             at = 0
             start = 0
-            for rank, given, taken in self.part.neighbours:
-                end, last = at + n * len(given), start + n * len(taken)
+            for rank, outbox, inbox in self.part.neighbours:
+                end, last = at + n * len(outbox), start + n * len(inbox)
                 messages.append((rank, self._field("outbox", at, end), self._field("inbox", start, last)))
                 at, start = end, last
             self._neighbours[n] = self.processes.sending(messages)
@@ -80,11 +82,11 @@ class Exchange:
         """Gather the norms of the force residual over a window of n instants."""
         if n not in self._norms:
             sizes = [4 * n * (self.part.whole.owner.count(r) + 1) for r in range(self.part.size)]
-            own, every = (
+            local, every = (
                 self._image.field("own_norms", sizes[self.part.rank]),
                 self._image.field("all_norms", sum(sizes)),
             )
-            self._norms[n] = self.processes.gathering(own, every, sizes)
+            self._norms[n] = self.processes.gathering(local, every, sizes)
         self._norms[n]()
 
     def touch(self) -> None:
@@ -99,14 +101,14 @@ class Exchange:
         if not self._divided:
             return
         part, image = self.part, self._image
-        own = [image.class_field(c, "changes", n) for c, divided in enumerate(part.divided) if divided]
+        local = [image.class_field(c, "changes", n) for c, divided in enumerate(part.divided) if divided]
         counts = np.bincount(part.whole.part_of)
         rows = [[c for c, r in enumerate(part.whole.owner) if r == rank] for rank in range(part.size)]
         rows = [[c for c in own_rows if counts[part.whole.part_of[c]] > 1] for own_rows in rows]
         ends = np.cumsum([0, *(n * len(r) for r in rows)]).tolist()
-        every = self.processes.gather(np.concatenate([np.zeros(0), *own]), ends).reshape(-1, n)
+        every = self.processes.gather(np.concatenate([np.zeros(0), *local]), ends).reshape(-1, n)
         numbers = [part.whole.part_of[c] for r in rows for c in r]
-        for field, c in zip(own, rows[part.rank], strict=True):
+        for field, c in zip(local, rows[part.rank], strict=True):
             total = np.zeros(n)
             # the members of one class, wherever they are
             for number, values in zip(numbers, every, strict=True):

@@ -42,8 +42,8 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
     traction = np.zeros(assembly.layout.n_flat)
     _known_tractions(assembly, traction)
     if assembly.quasi_static:  # a preload and its balance only: the loads come with the first increment
-        for propagator, own in zip(propagators, channels, strict=True):
-            propagator.start(traction[own], None)
+        for propagator, rows in zip(propagators, channels, strict=True):
+            propagator.start(traction[rows], None)
         return traction, np.zeros(assembly.layout.n_flat)
     forces = [balance(p, traction[c]) for p, c in zip(propagators, channels, strict=True)]
     motion = [forces_of_motion(p) for p in propagators]
@@ -65,17 +65,17 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
     )
     factors = [p.mass_factor() if accelerates else None for p in propagators]
     if accelerates:
-        known = [f for f in factors if f is not None]
+        mass_factors = [f for f in factors if f is not None]
 
         def unbalance() -> list[Array]:
             parts = zip(propagators, channels, motion, round_off, strict=True)
             return [balance(p, traction[c]) - zero - sum(moving) for p, c, moving, zero in parts]
 
-        contact = _contact_tractions(assembly, closed, traction, unbalance(), known)
+        contact = _contact_tractions(assembly, closed, traction, unbalance(), mass_factors)
         traction += contact
-        traction += _perfect_tractions(assembly, unbalance(), known)
-    for propagator, own, factor, zero in zip(propagators, channels, factors, round_off, strict=True):
-        propagator.start(traction[own], factor, zero)
+        traction += _perfect_tractions(assembly, unbalance(), mass_factors)
+    for propagator, rows, factor, zero in zip(propagators, channels, factors, round_off, strict=True):
+        propagator.start(traction[rows], factor, zero)
     return traction, assembly.velocity()
 
 
@@ -88,9 +88,9 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
     if groups:
         _compliant_tractions(assembly, groups, traction)
     # after preloads: a static start has them in its tractions
-    for i, known in assembly.start_tractions.items():
-        traction[assembly.layout.channels(i, 0)] = known
-        traction[assembly.layout.channels(i, 1)] = -known
+    for i, start in assembly.start_tractions.items():
+        traction[assembly.layout.channels(i, 0)] = start
+        traction[assembly.layout.channels(i, 1)] = -start
 
 
 def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Array) -> None:
@@ -104,10 +104,10 @@ def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Arra
         if isinstance(group.behaviour, MaxwellJoint):  # its springs are relaxed
             displacement[:] = 0.0
         # both sides held (z = 0): the traction follows from the jumps alone
-        held = np.zeros((group.n_point, 2))
+        z = np.zeros((group.n_point, 2))
         jump = np.zeros_like(displacement) if group.behaviour.elastic else sliding
         block = group.block(traction)
-        block[0] = group.behaviour.local(jump, held, displacement, 1.0, group.parameters)
+        block[0] = group.behaviour.local(jump, z, displacement, 1.0, group.parameters)
         block[1] = -block[0]
 
 
@@ -223,20 +223,20 @@ def _contact_tractions(
     solver = PointByPoint(assembly, admittances, points)
     # no gap: the law for velocities, read as accelerations
     laws = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups], (1.0 / assembly.dt, 0.0)
-    known = np.zeros_like(traction)
-    known[solver.channels] = traction[solver.channels]
+    base = np.zeros_like(traction)
+    base[solver.channels] = traction[solver.channels]
     sliding = _sliding(assembly, points)
     # an equilibrium holds them already
-    solution = None if any(own.any() for own in sliding) else solver.as_it_stands(free, known, *laws)
+    solution = None if any(slip.any() for slip in sliding) else solver.as_it_stands(free, base, *laws)
     if solution is None:
         # the solver starts from the known tractions, and adds what they do: it must not be in ``free`` as well
         for admittance, channels in zip(admittances, assembly.channels, strict=True):
-            free[channels] -= admittance @ known[channels]
+            free[channels] -= admittance @ base[channels]
         # a sliding point continues to slide: its friction follows the velocity, whatever the accelerations are
-        for group, own in zip(assembly.layout.groups, sliding, strict=True):
-            group.block(free)[1, :, 1:] += own / (_STILL * assembly.dt)
-        solution, _ = solver.solve(free, known, *laws)
-    added[solver.channels] = solution[solver.channels] - known[solver.channels]
+        for group, slip in zip(assembly.layout.groups, sliding, strict=True):
+            group.block(free)[1, :, 1:] += slip / (_STILL * assembly.dt)
+        solution, _ = solver.solve(free, base, *laws)
+    added[solver.channels] = solution[solver.channels] - base[solver.channels]
     return added
 
 
@@ -245,11 +245,11 @@ def _sliding(assembly: Assembly, points: set[tuple[int, int]]) -> list[Array]:
     one does not slide, but for round-off."""
     velocity = assembly.velocity()
     level = _STILL * float(np.abs(velocity).max(initial=0.0))
-    made = []
+    slips = []
     for g, group in enumerate(assembly.layout.groups):
         first, second = group.block(velocity)[..., 1:]
-        own = np.zeros_like(first)
+        slip = np.zeros_like(first)
         numbers = [p for of, p in points if of == g]
-        own[numbers] = second[numbers] - first[numbers]
-        made.append(np.where(np.abs(own) > level, own, 0.0))
-    return made
+        slip[numbers] = second[numbers] - first[numbers]
+        slips.append(np.where(np.abs(slip) > level, slip, 0.0))
+    return slips

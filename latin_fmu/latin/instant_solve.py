@@ -165,8 +165,8 @@ class PointByPoint:
         self, assembly: Assembly, admittances: Sequence[Array] | None = None, points: Set[tuple[int, int]] | None = None
     ) -> None:
         self.assembly = assembly
-        own = [p.operators.admittance for p in assembly.propagators] if admittances is None else admittances
-        self._admittances = list(own)
+        matrices = [p.operators.admittance for p in assembly.propagators] if admittances is None else admittances
+        self._admittances = list(matrices)
         self._owner: dict[int, tuple[int, int, int]] = {}
         for c, channels in enumerate(assembly.channels):
             for (row, member), flat in np.ndenumerate(channels):
@@ -199,12 +199,12 @@ class PointByPoint:
         """Point p of a group."""
         numbers = np.arange(group.start, group.stop).reshape(2, group.n_point, group.n_component)
         sides = self._side(numbers[0, p]), self._side(numbers[1, p])
-        own = np.zeros(group.n_component)
+        z = np.zeros(group.n_component)
         for side in sides:
             for component, flat in enumerate(side.channels):
                 # the diagonal of both sides: z of one instant
-                own[component] += side.columns[side.neighbours == flat, component].sum()
-        return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
+                z[component] += side.columns[side.neighbours == flat, component].sum()
+        return _Point(group, g, p, sides, np.array([[z[0], z[1:].max(initial=0.0)]]))
 
     def solve(self, free: Array, f_hat: Array, gaps: list[Array], rates: tuple[float, float]) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
@@ -226,14 +226,14 @@ class PointByPoint:
         """Tractions (n_flat,) of ``solve`` where every pressed point of ``f_hat`` stays closed, and sticks where it has
         friction; None where that breaks a law. ``free`` : velocities under the tractions ``f_hat``. A linear function
         of these, which ``solve`` is to the tolerance of its sweeps only."""
-        held = [(*point.sides, component) for point in self._points for component in self._held(point, f_hat)]
+        contacts = [(*point.sides, component) for point in self._points for component in self._held(point, f_hat)]
         f, v = f_hat.copy(), free.copy()
-        if held:
-            first = np.array([side.channels[component] for side, _, component in held])
-            second = np.array([side.channels[component] for _, side, component in held])
-            moved = np.zeros((len(free), len(held)))
-            for column, (own, other, component) in zip(moved.T, held, strict=True):
-                column[own.neighbours] += own.columns[:, component]
+        if contacts:
+            first = np.array([side.channels[component] for side, _, component in contacts])
+            second = np.array([side.channels[component] for _, side, component in contacts])
+            moved = np.zeros((len(free), len(contacts)))
+            for column, (one, other, component) in zip(moved.T, contacts, strict=True):
+                column[one.neighbours] += one.columns[:, component]
                 column[other.neighbours] -= other.columns[:, component]
             # points that are held to each other leave it singular, and consistent
             step = la.lstsq(moved[second] - moved[first], v[first] - v[second], cond=_DEPENDENT)[0]

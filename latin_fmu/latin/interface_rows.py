@@ -63,7 +63,7 @@ class InterfaceRows:
         """Tractions, velocities and gaps of an interface in the first row."""
         layout = self._assembly.layout
         flat = [layout.channels(interface, side).ravel() for side in (0, 1)]
-        fields = [kept[0, channels] for kept in (self.f_hat, self.w_hat) for channels in flat]
+        fields = [field[0, channels] for field in (self.f_hat, self.w_hat) for channels in flat]
         gap = self.gaps.get(layout.groups.index(layout.group(interface)))
         return fields if gap is None else [*fields, gap[0, layout.group(interface).members[interface]]]
 
@@ -199,10 +199,10 @@ class InterfaceStream:
         self._file.close()
 
 
-def joined_rows(own: InterfaceRows, part: Part) -> InterfaceRows:
+def joined_rows(rows: InterfaceRows, part: Part) -> InterfaceRows:
     """Rows of all interfaces from those of the processes. Tractions, velocities and gaps are those of the owner of an
     interface, what slides along a side has the process of the side."""
-    processes, n_row = part.processes, len(own.table)
+    processes, n_row = part.processes, len(rows.table)
     width, wide = InterfaceRows.width_of(part.assembly), InterfaceRows.width_of(part.whole)
     # tables whose entries are their column numbers: views of them tell where each field stands
     here, there = (InterfaceRows(a, np.arange(float(n))[None]) for a, n in ((part.assembly, width), (part.whole, wide)))
@@ -219,11 +219,11 @@ def joined_rows(own: InterfaceRows, part: Part) -> InterfaceRows:
                 into.append(there.slide[i][0, side].ravel())
     columns = processes.collect(np.concatenate(into).astype(np.int64))
     ends = np.cumsum([0, *(n_row * len(c) for c in columns)]).tolist()
-    every = processes.gather(own.table[:, np.concatenate(picked).astype(np.int64)].ravel(), ends)
+    every = processes.gather(rows.table[:, np.concatenate(picked).astype(np.int64)].ravel(), ends)
     table = np.zeros((n_row, wide))
     for c, first, last in zip(columns, ends, ends[1:], strict=False):
         table[:, c] = every[first:last].reshape(n_row, -1)
-    return InterfaceRows(part.whole, table, own.every)
+    return InterfaceRows(part.whole, table, rows.every)
 
 
 def point_fields(

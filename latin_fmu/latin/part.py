@@ -59,12 +59,12 @@ class Part:
         layout = part.layout = Layout(part.interfaces)
         # numbers in the whole of the channels of the part
         self.channels = np.zeros(layout.n_flat, dtype=np.int64)
-        for own, i in enumerate(self.interfaces):
-            group, wide = layout.group(own), whole.layout.group(i)
+        for number, i in enumerate(self.interfaces):
+            group, wide = layout.group(number), whole.layout.group(i)
             for name in ("parameters", "gap", "preload"):
-                getattr(group, name)[group.members[own]] = getattr(wide, name)[wide.members[i]]
+                getattr(group, name)[group.members[number]] = getattr(wide, name)[wide.members[i]]
             for side in (0, 1):
-                self.channels[layout.channels(own, side)] = whole.layout.channels(i, side)
+                self.channels[layout.channels(number, side)] = whole.layout.channels(i, side)
         # numbers in the part of the channels of the whole, -1 elsewhere
         place = np.full(whole.layout.n_flat, -1)
         place[self.channels] = np.arange(layout.n_flat)
@@ -76,17 +76,17 @@ class Part:
 
     def _neighbours(self) -> list[tuple[int, Index, Index]]:
         """See the attribute."""
-        given: dict[int, list[Index]] = {}
-        taken: dict[int, list[Index]] = {}
+        outbox: dict[int, list[Index]] = {}
+        inbox: dict[int, list[Index]] = {}
         # in the order of the whole, so that sender and receiver have the channels in one order
         for i in sorted(self.interfaces):
-            own = self.interfaces.index(i)
+            number = self.interfaces.index(i)
             # ``other`` has the opposite side: it gets this one, and gives its own
             for side, other in ((0, self.sides[i][1]), (1, self.sides[i][0])):
                 if other not in (-1, self.rank):
-                    given.setdefault(other, []).append(self.assembly.layout.channels(own, side).ravel())
-                    taken.setdefault(other, []).append(self.assembly.layout.channels(own, 1 - side).ravel())
-        return [(r, np.concatenate(given[r]), np.concatenate(taken[r])) for r in sorted(given)]
+                    outbox.setdefault(other, []).append(self.assembly.layout.channels(number, side).ravel())
+                    inbox.setdefault(other, []).append(self.assembly.layout.channels(number, 1 - side).ravel())
+        return [(r, np.concatenate(outbox[r]), np.concatenate(inbox[r])) for r in sorted(outbox)]
 
     def gathered_order(self) -> Index:
         """Row of every interface of the whole among those of all processes, one process after the other."""
@@ -102,9 +102,9 @@ class Part:
         for r, owned in enumerate(self.owned):
             here = range(len(owned) if r == self.rank else 0)
             wide = [self.whole.layout.channels(i, side).ravel() for i in owned for side in (0, 1)]
-            own = [self.assembly.layout.channels(i, side).ravel() for i in here for side in (0, 1)]
+            local = [self.assembly.layout.channels(i, side).ravel() for i in here for side in (0, 1)]
             none = np.zeros(0, dtype=np.int64)
-            picked.append((np.concatenate([none, *wide]), np.concatenate([none, *own])))
+            picked.append((np.concatenate([none, *wide]), np.concatenate([none, *local])))
         return picked
 
     def fields(self) -> dict[str, Any]:
@@ -118,7 +118,7 @@ class Part:
             rows.append(int(first[r]) + seen[r])
             seen[r] += 1
         rows += [int(first[r + 1]) - 1 for r in range(self.size)]  # flags
-        given, taken = [n[1] for n in self.neighbours], [n[2] for n in self.neighbours]
+        outbox, inbox = [n[1] for n in self.neighbours], [n[2] for n in self.neighbours]
         none = np.zeros(0, dtype=np.int64)
         return {
             "shared": 1,
@@ -131,26 +131,26 @@ class Part:
             "layers": int(any(g.behaviour.elastic for g in whole.layout.groups)),
             "n_norm": len(rows),
             "norm_order": _integers(rows),
-            "n_send": sum(map(len, given)),
-            "n_take": sum(map(len, taken)),
-            "send_starts": np.cumsum([0, *map(len, given)]),
-            "take_starts": np.cumsum([0, *map(len, taken)]),
-            "send_places": np.concatenate([none, *given]),
-            "take_places": np.concatenate([none, *taken]),
+            "n_send": sum(map(len, outbox)),
+            "n_take": sum(map(len, inbox)),
+            "send_starts": np.cumsum([0, *map(len, outbox)]),
+            "take_starts": np.cumsum([0, *map(len, inbox)]),
+            "send_places": np.concatenate([none, *outbox]),
+            "take_places": np.concatenate([none, *inbox]),
         }
 
     def direction(self, whole: Direction) -> Direction:
         """The search direction of the part, from that of the whole assembly."""
-        own, picked = copy.copy(whole), self.channels
-        own.assembly = self.assembly
-        own.parent = whole
-        own.own_coarse = self.coarse
-        own.k = whole.k[picked]
-        own.z = whole.z[picked]
-        own.metric = whole.metric[picked]
-        own.weights, own.newton_z = whole.weights[:, picked], whole.newton_z[picked]
-        own.relative = self.relative(whole.relative)
-        return own
+        part, picked = copy.copy(whole), self.channels
+        part.assembly = self.assembly
+        part.parent = whole
+        part.own_coarse = self.coarse
+        part.k = whole.k[picked]
+        part.z = whole.z[picked]
+        part.metric = whole.metric[picked]
+        part.weights, part.newton_z = whole.weights[:, picked], whole.newton_z[picked]
+        part.relative = self.relative(whole.relative)
+        return part
 
     def coarse(self, whole: CoarseProblem) -> CoarseProblem:
         """The coarse problem of the part."""
@@ -164,13 +164,13 @@ class Part:
         groups = self.assembly.layout.groups
         table = np.full((len(self.whole.layout.groups), max(g.n_point for g in self.whole.layout.groups), 3), -1)
         table[..., 2] = 0  # counted here: set below
-        for own, i in enumerate(self.interfaces):
-            group, wide = self.assembly.layout.group(own), self.whole.layout.group(i)
+        for number, i in enumerate(self.interfaces):
+            group, wide = self.assembly.layout.group(number), self.whole.layout.group(i)
             g = next(g for g, other in enumerate(self.whole.layout.groups) if other is wide)
             here = next(g for g, other in enumerate(groups) if other is group)
             points = table[g, wide.members[i]]
-            points[:, 0], points[:, 1] = here, np.arange(group.members[own].start, group.members[own].stop)
-            points[:, 2] = own < self.n_owned
+            points[:, 0], points[:, 1] = here, np.arange(group.members[number].start, group.members[number].stop)
+            points[:, 2] = number < self.n_owned
         # points in the order of the whole
         numbers = table[whole["point_group"], whole["point_number"]].T
         names = ("point_group", "point_number", "point_owned")

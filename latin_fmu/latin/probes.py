@@ -310,14 +310,14 @@ class Probes:
                     number, member = id(full), propagator.names.index(place.substructure)
                     # models with shapes have other full dofs than the nodes
                     full = full if model.nodal is None else full @ model.nodal
-                    own = sp.csr_array(sp.csr_array(full) @ model.expansion)
+                    matrix = sp.csr_array(sp.csr_array(full) @ model.expansion)
                     if number not in parts:  # members may have the same rows
-                        parts[number] = slice(at, at + own.shape[0])
-                        blocks.append(own)
-                        at += own.shape[0]
+                        parts[number] = slice(at, at + matrix.shape[0])
+                        blocks.append(matrix)
+                        at += matrix.shape[0]
                     shapes = np.asarray(full @ model.imposed_pattern)
                     self.places[key][name] = ProbePlace(c, member, parts[number], shapes)
-                    if key == "motion" and own[:, propagator.operators.massless].nnz:
+                    if key == "motion" and matrix[:, propagator.operators.massless].nnz:
                         self.massless.add(name)
             blocks += [nodes_of(model)] if whole else []
             self._nodes.append(blocks[-1].shape[0] if whole else 0)
@@ -330,8 +330,8 @@ class Probes:
         if matrix is None:
             return None
         n = self._propagators[c].n_sensed
-        kept = image.output(c, "sensed", n * matrix.shape[0])[rows]
-        return kept.reshape(len(kept), n, matrix.shape[0], -1)
+        output = image.output(c, "sensed", n * matrix.shape[0])[rows]
+        return output.reshape(len(output), n, matrix.shape[0], -1)
 
     def read(
         self, assembly: Assembly, image: Image, instants: slice, rows: slice, series: Mapping[str, Mapping[str, Array]]
@@ -347,9 +347,9 @@ class Probes:
     def values(self, image: Image, place: ProbePlace, rows: slice, instants: slice) -> Array:
         """Displacements, velocities, accelerations and, with Maxwell branches, strains (n, n_sensed, k) of a place at
         these instants, ``rows`` of the output of the image."""
-        kept = self._sensed(image, place.number, rows)
-        assert kept is not None
-        values = kept[:, :, place.part, place.member]
+        fields = self._sensed(image, place.number, rows)
+        assert fields is not None
+        values = fields[:, :, place.part, place.member]
         imposed = self._propagators[place.number].forcing.motion_histories(place.member)
         if imposed is None:
             return values

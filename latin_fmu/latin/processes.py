@@ -71,24 +71,24 @@ class Processes:
         values: list[Any] = self._communicator.allgather(value)
         return values
 
-    def gather(self, own: Array, ends: Sequence[int]) -> Array:
+    def gather(self, values: Array, ends: Sequence[int]) -> Array:
         """The numbers of all processes one after the other, those of process r from ``ends[r]`` to ``ends[r + 1]``."""
         every = np.empty(ends[-1])
-        self.gathering(np.ascontiguousarray(own), every, [b - a for a, b in pairwise(ends)])()
+        self.gathering(np.ascontiguousarray(values), every, [b - a for a, b in pairwise(ends)])()
         return every
 
-    def gathering(self, own: Array, every: Array, sizes: Sequence[int]) -> Callable[[], None]:
+    def gathering(self, values: Array, every: Array, sizes: Sequence[int]) -> Callable[[], None]:
         """A function that puts the numbers of all processes one after the other into ``every``; ``sizes`` : how many
-        each has, this one those of ``own``."""
+        each has, this one these ``values``."""
         into = [every, (list(sizes), np.cumsum([0, *sizes[:-1]]).tolist())]
-        return lambda: self._gather(own, into)
+        return lambda: self._gather(values, into)
 
-    def _gather(self, own: Array, into: Any) -> None:
+    def _gather(self, values: Array, into: Any) -> None:
         before = clock.perf_counter()
         if self._crowded:  # waiting processes would take the cores of those that compute
-            self._patiently(self._communicator.Iallgatherv(own, into).Test)
+            self._patiently(self._communicator.Iallgatherv(values, into).Test)
         else:
-            self._communicator.Allgatherv(own, into)
+            self._communicator.Allgatherv(values, into)
         self.waited += clock.perf_counter() - before
 
     def sending(self, messages: Sequence[tuple[int, Array, Array]]) -> Callable[[], None]:
@@ -128,9 +128,9 @@ class Processes:
 
     def add(self, values: Array) -> None:
         """Replace an array by its sum over the processes, added in their order."""
-        own = np.ascontiguousarray(values).ravel()
-        every = self.gather(own, [rank * own.size for rank in range(self.size + 1)])
-        total = np.zeros(own.size)
+        flat = np.ascontiguousarray(values).ravel()
+        every = self.gather(flat, [rank * flat.size for rank in range(self.size + 1)])
+        total = np.zeros(flat.size)
         # in the order of the processes, alike on all of them: the reductions of the library promise no order
         for part in every.reshape(self.size, -1):
             total += part

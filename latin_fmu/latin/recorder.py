@@ -68,12 +68,12 @@ class StoredFields:
 
     def add(self, name: str, displacement: Iterable[Array], velocity: Iterable[Array]) -> None:
         """Keep what is requested of the motion of a body at further instants, (n_node, 3) each."""
-        recover, made = self._info[name].stress, dict[str, Any]()
+        recover, fields = self._info[name].stress, dict[str, Any]()
         if self._request.fields:
-            made = {"displacement": displacement, "velocity": velocity}
+            fields = {"displacement": displacement, "velocity": velocity}
         if self._request.stress and recover is not None:
-            made["stress"] = map(recover, displacement)
-        for key, values in made.items():
+            fields["stress"] = map(recover, displacement)
+        for key, values in fields.items():
             self.fields[name].setdefault(key, []).extend(values)
 
     def part(self, first: int) -> dict[str, Any]:
@@ -163,11 +163,11 @@ class LargestStresses:
 
     def of(self, time: Array) -> dict[str, LargestStress]:
         """The largest ones of the run by body; ``time`` (n_time,) of its instants, s."""
-        made = {}
+        stresses = {}
         for name, table in self.tables.items():
             i = int(np.argmax(table[: len(time), 0]))
-            made[name] = LargestStress(float(table[i, 0]), float(time[i]), int(table[i, 1]), int(table[i, 2]))
-        return made
+            stresses[name] = LargestStress(float(table[i, 0]), float(time[i]), int(table[i, 1]), int(table[i, 2]))
+        return stresses
 
 
 class Recorder:
@@ -224,11 +224,11 @@ class Recorder:
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
         self._keep_rows(assembly, image, probes, now, rows)
         self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
-        for key, kept in self._series["energy"].items():
+        for key, history in self._series["energy"].items():
             drift = key == "drift"
             # the work of the drift is one number an instant, of all interfaces
-            own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
-            kept[now] = own[rows]
+            terms = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
+            history[now] = terms[rows]
         self.n_kept += n
 
         def look(every: int, keep: Callable[..., None]) -> None:
@@ -296,7 +296,7 @@ class Recorder:
         """Complete what the processes of a run have kept of their own substructures and interfaces."""
         processes, assembly = part.processes, part.whole
         self.rows = joined_rows(self.rows, part)
-        own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
+        numbers = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
         energy = self._series["energy"]
         drift = {key: energy.pop(key) for key in ("drift",) if key in energy}
         # others hold zeros for what they do not march: the sum is complete
@@ -306,10 +306,12 @@ class Recorder:
         massless = set() if self._probes is None else self._probes.massless
         terms: dict[Any, Array] = {}
         # classes of the part have numbers of their own
-        for kept in processes.collect((dict(zip(own, energy.values(), strict=False)), self._stored.fields, massless)):
-            terms |= kept[0]
-            self._stored.fields |= kept[1]
-            massless.update(kept[2])
+        for share in processes.collect(
+            (dict(zip(numbers, energy.values(), strict=False)), self._stored.fields, massless)
+        ):
+            terms |= share[0]
+            self._stored.fields |= share[1]
+            massless.update(share[2])
         self._series["energy"] = dict(sorted(terms.items())) | drift
         self._places = places_in(assembly)
 
@@ -323,8 +325,8 @@ class Recorder:
 
     def points(self) -> dict[str, PointFields]:
         """Fields of the interfaces at their points over the kept instants."""
-        known, histories = self._histories
-        if known != self.n_kept:
+        length, histories = self._histories
+        if length != self.n_kept:
             return self.rows.fields(self.rows.row(self.n_kept))
         return {name: h.points_over_time for name, h in histories.items()}
 
@@ -345,19 +347,19 @@ class Recorder:
 
     def bolt_histories(self) -> dict[str, BoltHistory]:
         """Tensions of the bolts over the kept instants."""
-        kept = self.series("tension")
-        made = {}
+        forces = self.series("tension")
+        histories = {}
         for name, bolt in self.request.bolts.items():
             q = bolt.description.plastic_elongation
             q = None if q is None else q[: self.n_kept]
-            made[name] = replace(bolt.description, force=kept[name], plastic_elongation=q)
-        return made
+            histories[name] = replace(bolt.description, force=forces[name], plastic_elongation=q)
+        return histories
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the substructures for which some output is requested."""
         terms, wanted = self._terms(), self._stored.wanted or self.request.energy
-        made = {name: dict(zip(TERMS, table.T, strict=True)) for name, table in terms.items()}
-        return {name: self._stored.history(name, made.get(name)) for name in (self._info if wanted else ())}
+        energies = {name: dict(zip(TERMS, table.T, strict=True)) for name, table in terms.items()}
+        return {name: self._stored.history(name, energies.get(name)) for name in (self._info if wanted else ())}
 
     def _terms(self) -> dict[str, Array]:
         """Energies (n_time, terms) of the substructures, J, where requested."""
@@ -402,10 +404,10 @@ def _interface_series(recorder: Recorder, assembly: Assembly) -> list[dict[str, 
     """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
     weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
 
-    def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
+    def of(histories: Mapping[str, InterfaceHistory], start: int) -> list[dict[str, Array]]:
         against = assembly.ground.velocity
-        made = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
-        return [{key: values[known:] for key, values in series.items()} for series in made]
+        energies = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
+        return [{key: values[start:] for key, values in series.items()} for series in energies]
 
     if recorder.stream is None:
         return of(recorder.interfaces(), 0)

@@ -48,8 +48,8 @@ def still_tractions(assembly: Assembly) -> Array:
     for group in assembly.layout.groups:
         block = group.block(still)
         block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
-    for i, known in assembly.start_tractions.items():
-        still[assembly.layout.channels(i, 0)], still[assembly.layout.channels(i, 1)] = known, -known
+    for i, start in assembly.start_tractions.items():
+        still[assembly.layout.channels(i, 0)], still[assembly.layout.channels(i, 1)] = start, -start
     return still
 
 

@@ -63,20 +63,20 @@ def distributed(costs: Sequence[float], threads: int, large: Collection[int]) ->
     >>> [part.tolist() for part in distributed([9.0, 3.0, 3.0], 2, (0,))]
     [[1], [2]]
     """
-    left = sorted(range(len(costs)), key=lambda c: -costs[c])
+    classes = sorted(range(len(costs)), key=lambda c: -costs[c])
     while True:
         parts: list[list[int]] = [[] for _ in range(threads)]
         loads = [0.0] * threads
         # largest first, each to the thread with the least
-        for c in left:
+        for c in classes:
             lightest = loads.index(min(loads))
             parts[lightest].append(c)
             loads[lightest] += costs[c]
-        costliest = next((c for c in left if c in large), None)
+        costliest = next((c for c in classes if c in large), None)
         if costliest is None or max(loads) <= _APART * sum(loads) / threads:
             return [np.array(part, dtype=np.int64) for part in parts]
         # given to all threads, which ends the wait of the others
-        left.remove(costliest)
+        classes.remove(costliest)
 
 
 def _cost(row: Mapping[str, int]) -> float:
@@ -142,7 +142,7 @@ class RunImage:
 
     Attributes
     ----------
-    held : the assembly, or the part of it, that the image is of.
+    local : the assembly, or the part of it, that the image is of.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class RunImage:
         part: Part | None,
     ) -> None:
         self.assembly, self.settings = assembly, settings
-        self.part, self.held = part, assembly if part is None else part.assembly
+        self.part, self.local = part, assembly if part is None else part.assembly
         start = initial_conditions(assembly)
         self._exchange: Exchange | None = None
         self._directions: dict[int, Direction] = {}
@@ -164,15 +164,15 @@ class RunImage:
         one = self.direction(1)
         one.bind()
         # communication steps have signals of all that is probed: there fields are read instant by instant
-        self._probes: Probes | None = recorder.probes(self.held, fields=not communication.get("n_output"))
+        self._probes: Probes | None = recorder.probes(self.local, fields=not communication.get("n_output"))
         part = part if assembly.interfaces else None
         if part is not None:
             with part.processes.agreed():
                 check_newton(one)
-        self.image = make_image(self.held, settings, one, self._probes, communication, part)
+        self.image = make_image(self.local, settings, one, self._probes, communication, part)
         if part is not None:
             self._exchange = Exchange(part, self.image, one)
-        LawsInPython(self.image, self.held.layout.groups)
+        LawsInPython(self.image, self.local.layout.groups)
         self.f_hat[:], self.w_hat[:] = start if part is None else (field[part.channels] for field in start)
         self._use(1)
         self.image.field("scales", 3)[:] = negligible_scales(self.image, one, settings.tolerance)
@@ -200,7 +200,7 @@ class RunImage:
 
     def gaps(self) -> list[Array]:
         """Gaps (n_point,) of each group at the present instant, m."""
-        groups = self.held.layout.groups
+        groups = self.local.layout.groups
         return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
 
     def direction(self, n: int) -> Direction:
@@ -247,14 +247,14 @@ class RunImage:
     def _put_in(self) -> float:
         """Energy put in since the start (``indicator.own_put_in``), J; -1 where energies are not accounted for."""
         image, works = self.image, self.image.field("works", N_WORK)
-        own = float(works[STORED] + works[OF_GROUND])
-        for c, propagator in enumerate(self.held.propagators):
+        energy = float(works[STORED] + works[OF_GROUND])
+        for c, propagator in enumerate(self.local.propagators):
             if not propagator.energy:
                 return -1.0
             terms = image.class_field(c, "totals", N_TERM, len(propagator.members))
-            own += float(terms[WORK_OF_LOADS].sum())
+            energy += float(terms[WORK_OF_LOADS].sum())
         # never less than it was
-        return max(self._over_processes(own), float(works[PUT_IN]))
+        return max(self._over_processes(energy), float(works[PUT_IN]))
 
     def count_as_put_in(self, stored: float) -> None:
         """Let the errors of the iteration be compared with an energy, J, that an assembly has beside that of its
@@ -265,10 +265,10 @@ class RunImage:
     def account(self) -> Account | None:
         """The account of energies since the start, which sums up to round-off; None where it is not kept, or is
         distributed over processes."""
-        if self.part is not None or not all(p.energy and not p.loads_only for p in self.held.propagators):
+        if self.part is not None or not all(p.energy and not p.loads_only for p in self.local.propagators):
             return None
         works, total = self.image.field("works", N_WORK), np.zeros(N_TERM)
-        for c, propagator in enumerate(self.held.propagators):
+        for c, propagator in enumerate(self.local.propagators):
             total += self.image.class_field(c, "totals", N_TERM, len(propagator.members)).sum(axis=1)
         terms = dict(zip(TERMS, total.tolist(), strict=True))
         put_in = terms.pop("work_of_loads") + terms.pop("interface_work")
@@ -335,9 +335,14 @@ class RunState(RunImage):
 
     def snapshot(self) -> dict[str, Any]:
         """All that the next window of this segment depends on, beside what has been recorded."""
-        own = {"marched": self.marched, "condensed": self.condensed, "stopped": self.stopped, "refusals": self.refusals}
+        counts = {
+            "marched": self.marched,
+            "condensed": self.condensed,
+            "stopped": self.stopped,
+            "refusals": self.refusals,
+        }
         samples = [p.sampled for p in self.assembly.propagators]
-        return own | {"instant": self.assembly.instant, "state": self.image.state, "samples": samples}
+        return counts | {"instant": self.assembly.instant, "state": self.image.state, "samples": samples}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Return to a ``snapshot``; the caller restores windows and recorder."""
@@ -367,7 +372,7 @@ class RunState(RunImage):
         self.image.call(entries.START, int(accounts))
         if self._exchange is not None:
             self._exchange.touch()
-        self.recorder.keep(self.held, self.image, self._probes, 1)
+        self.recorder.keep(self.local, self.image, self._probes, 1)
 
     def _set_first_row(self, instant: int) -> None:
         """Let the next call of the kernels begin its output with an instant."""
@@ -380,7 +385,7 @@ class RunState(RunImage):
     def _record(self, n: int, row: int = 0) -> None:
         """Record n accepted instants, rows of the image's output from ``row`` on."""
         if self._sequence is None:
-            self.recorder.keep(self.held, self.image, self._probes, n, row)
+            self.recorder.keep(self.local, self.image, self._probes, n, row)
         else:
             f_hat, w_hat = (
                 self.image.field(name, self.image.rows, self.image.n_flat) for name in ("history_f", "history_w")
@@ -398,13 +403,13 @@ class RunState(RunImage):
         processes.add(count)
         self.marched, self.condensed = map(int, count)
         if self.interface_indicator is not None:
-            own = self.interface_indicator[: self.part.n_owned]
-            every = processes.gather(own, np.cumsum([0, *map(len, self.part.owned)]).tolist())
+            indicator = self.interface_indicator[: self.part.n_owned]
+            every = processes.gather(indicator, np.cumsum([0, *map(len, self.part.owned)]).tolist())
             self.interface_indicator = every[self.part.gathered_order()]
         if self._exchange is not None:
             self._joined = self._exchange.whole(self.f_hat[None])[0]
         processes.forget()
-        ends = [(p.state.fields, p.sampled) for p in self.held.propagators]
+        ends = [(p.state.fields, p.sampled) for p in self.local.propagators]
         parts = [iter(part) for part in processes.collect(ends)]
         for owner, propagator in zip(self.assembly.owner, self.assembly.propagators, strict=True):
             motion, sampled = next(parts[owner])
@@ -447,13 +452,13 @@ class RunState(RunImage):
     def _read_indicator(self) -> None:
         """Copy the largest indicators of the interfaces from the image."""
         if self.assembly.interfaces:
-            self.interface_indicator = self.image.field("worst", len(self.held.interfaces)).copy()
+            self.interface_indicator = self.image.field("worst", len(self.local.interfaces)).copy()
 
     def _sample(self) -> None:
         """Sample the states at fixed instants, however many are solved in one call."""
         instant = self.assembly.instant
         if instant % SAMPLED == 0 or instant == self.assembly.n_instant:
-            for propagator in self.held.propagators:
+            for propagator in self.local.propagators:
                 propagator.sample()
 
     def _count(self, before: float) -> None:
@@ -493,8 +498,8 @@ class SharedStages(Stages):
         reach = np.zeros(image.n_flat)
         for g, group in enumerate(self._groups):
             # one field for all groups: at the places of side E
-            own = self.reach(g)
-            group.block(reach)[0, :, : own.shape[1]] = own
+            group_reach = self.reach(g)
+            group.block(reach)[0, :, : group_reach.shape[1]] = group_reach
         made_up = self.made_up()
         free = image.field("w", image.n_flat) + made_up
         free, wide_f, wide_reach = exchange.whole(np.stack([free, f_hat, reach]))

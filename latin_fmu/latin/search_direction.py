@@ -144,7 +144,7 @@ def _row(assembly: Assembly, normal_only: bool = False) -> Array:
     class_of = np.full(layout.n_flat, -1)
     for c, channels in enumerate(assembly.channels):
         row_of[channels], class_of[channels] = np.arange(len(channels))[:, None], c
-    known: dict[tuple[int, bytes], float] = {}  # members of a class share what they have in common
+    cache: dict[tuple[int, bytes], float] = {}  # members of a class share what they have in common
     for i in range(len(assembly.interfaces)):
         for side in (0, 1):
             flat = layout.channels(i, side)
@@ -154,15 +154,15 @@ def _row(assembly: Assembly, normal_only: bool = False) -> Array:
             operators, rows = propagators[c].operators, row_of[flat]
             area = operators.area[rows[:, 0]].sum()
             for component in range(1 if normal_only else flat.shape[1]):
-                own = rows[:, component]
+                numbers = rows[:, component]
                 # by the channels: what two members have alike is solved for once
-                key = (c, own.tobytes())
-                if key not in known:
+                key = (c, numbers.tobytes())
+                if key not in cache:
                     rough = normal_only and propagators[c].swept
                     compliance = operators.compliance
-                    force = compliance.resistance(own, _ROUGHLY) if rough else resistance(compliance, own)
-                    known[key] = force / area
-                k[flat[:, component]] = known[key]
+                    force = compliance.resistance(numbers, _ROUGHLY) if rough else resistance(compliance, numbers)
+                    cache[key] = force / area
+                k[flat[:, component]] = cache[key]
     return k if normal_only else _one_tangent(assembly, k)
 
 
@@ -302,9 +302,9 @@ class Direction:
         relative = np.zeros_like(w_weight)
         for group in layout.groups:
             first, second = group.block(w_weight)
-            held = np.minimum(first, second) <= 0.0  # by the ground
+            fixed = np.minimum(first, second) <= 0.0  # by the ground
             # Z Z' / (Z + Z'); one side alone where the other is held
-            both = np.divide(first * second, first + second, out=np.maximum(first, second), where=~held)
+            both = np.divide(first * second, first + second, out=np.maximum(first, second), where=~fixed)
             group.block(relative)[:] = both
         # r / 2 is the half difference of tractions, z r / 2 that of velocities: both in the norm of (24)
         weights = 0.25 * (f_weight + w_weight * self.z * self.z), f_weight, moving * w_weight, moving * relative
@@ -391,12 +391,12 @@ class Direction:
         """Fields of the groups' records: 1/k of both sides, normal and tangential."""
         fields = []
         for group in self.assembly.layout.groups:
-            own = {}
+            record = {}
             for name, z in (("z_sum", self.z), ("newton_z_sum", self.newton_z)):
                 both = group.block(z).sum(axis=0)
                 # without tangents: N twice
-                own[name] = np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]])
-            fields.append(own)
+                record[name] = np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]])
+            fields.append(record)
         return fields
 
     @cached_property
@@ -484,9 +484,11 @@ def newton_price(assembly: Assembly, relative: dict[str, Any]) -> float:
     iteration = _read(assembly)
     groups, points = relative["point_group"], np.diff(relative["block_points"])
     size = np.array([group.n_component for group in assembly.layout.groups])[groups]
-    own = _ACTIVE * np.add.reduceat(size, np.cumsum([0, *points[:-1]])) if len(size) else np.zeros(0)
-    reach = np.array([own[a : b + 1].sum() for a, b in zip(relative["block_low"], relative["block_high"], strict=True)])
-    return float((own * (_ENTRY * reach + _FLOP * reach**2)).sum() / iteration)
+    sizes = _ACTIVE * np.add.reduceat(size, np.cumsum([0, *points[:-1]])) if len(size) else np.zeros(0)
+    reach = np.array(
+        [sizes[a : b + 1].sum() for a, b in zip(relative["block_low"], relative["block_high"], strict=True)]
+    )
+    return float((sizes * (_ENTRY * reach + _FLOP * reach**2)).sum() / iteration)
 
 
 def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, Index]:

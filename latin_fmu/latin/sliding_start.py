@@ -79,8 +79,8 @@ class SlidingStart:
         ops = propagator.operators
         gain, area = ops.compliance.gain, ops.area
         self._free, self._area = w[self._channels], area
-        made = applied(ops.factor, ops.trace, gain, np.diag(area))
-        self._response: Array = made
+        response = applied(ops.factor, ops.trace, gain, np.diag(area))
+        self._response: Array = response
         # of the run, one for both tangents
         self._springs: Array = direction.k[self._channels]
         self._metric = np.sqrt(area / np.maximum(self._springs, np.finfo(float).tiny))
@@ -98,32 +98,34 @@ class SlidingStart:
     def _laws(self, jump: Array) -> Array:
         """Tractions (n,) by the laws, from velocities s' - s (n,)."""
         out = np.empty_like(jump)
-        for group, own, reach, rate in zip(self._groups, self._own, self._reach, self._rates, strict=True):
-            z = self._z[own[:, [0, min(1, own.shape[1] - 1)]]]
-            held = reach if group.behaviour.elastic else reach[:, 0]
-            out[own] = group.behaviour.local(jump[own], np.ascontiguousarray(z), held, rate, group.parameters)
+        for group, channels, reach, rate in zip(self._groups, self._own, self._reach, self._rates, strict=True):
+            z = self._z[channels[:, [0, min(1, channels.shape[1] - 1)]]]
+            distance = reach if group.behaviour.elastic else reach[:, 0]
+            out[channels] = group.behaviour.local(
+                jump[channels], np.ascontiguousarray(z), distance, rate, group.parameters
+            )
         return out
 
     def _jump(self, free: Array) -> Array:
         """s' - s (n,)."""
         jump = np.empty_like(free)
-        for own, far in zip(self._own, self._far, strict=True):
-            jump[own] = far - free[own]
+        for channels, far in zip(self._own, self._far, strict=True):
+            jump[channels] = far - free[channels]
         return jump
 
     def _tangents(self, jump: Array, base: Array) -> Array:
         """Derivatives (n, n) of the tractions by the velocities s of side E; blocks of points."""
-        made, step = np.zeros((len(jump), len(jump))), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
+        tangents, step = np.zeros((len(jump), len(jump))), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
         for c in range(3 if step > 0.0 else 0):
             moved = jump.copy()
-            parts = [own[:, c] for own in self._own if own.shape[1] > c]
+            parts = [channels[:, c] for channels in self._own if channels.shape[1] > c]
             for part in parts:
                 moved[part] += step
             change = (self._laws(moved) - base) / step
-            for own in self._own:
-                for a in range(own.shape[1] if own.shape[1] > c else 0):
-                    made[own[:, a], own[:, c]] = -change[own[:, a]]
-        return made
+            for channels in self._own:
+                for a in range(channels.shape[1] if channels.shape[1] > c else 0):
+                    tangents[channels[:, a], channels[:, c]] = -change[channels[:, a]]
+        return tangents
 
     def _look(self, q: Array) -> tuple[Array, Array, Array, float]:
         """s, F_hat, F_hat - F, and its size over that of F_hat, for q."""
@@ -179,22 +181,22 @@ class SlidingStart:
     def _solved(self, matrix: Array, rest: Array) -> Array:
         """Solution in the norm of the residual; the smallest one where there are many."""
         scaled = self._metric[:, None] * matrix / self._metric
-        made: Array = np.linalg.lstsq(scaled, self._metric * rest, rcond=1e-13)[0] / self._metric
-        return made
+        solution: Array = np.linalg.lstsq(scaled, self._metric * rest, rcond=1e-13)[0] / self._metric
+        return solution
 
     def _adapt(self) -> None:
         """Springs of the size of the friction, with q of the same fields."""
         free, f_hat, _, _ = self._look(self.q)
         moved, k = free + self._z * f_hat, self._springs.copy()
-        for own, far in zip(self._own, self._far, strict=True):
-            if own.shape[1] < 3:
+        for channels, far in zip(self._own, self._far, strict=True):
+            if channels.shape[1] < 3:
                 continue
-            shear = np.linalg.norm(f_hat[own[:, 1:]], axis=1)
-            slip = np.linalg.norm(moved[own[:, 1:]] - far[:, 1:], axis=1)
+            shear = np.linalg.norm(f_hat[channels[:, 1:]], axis=1)
+            slip = np.linalg.norm(moved[channels[:, 1:]] - far[:, 1:], axis=1)
             shear = np.maximum(shear, _LEAST * float(shear.max(initial=0.0)))
-            first = self._springs[own[:, 1]]
+            first = self._springs[channels[:, 1]]
             soft = np.divide(shear, slip, out=first.copy(), where=slip * first > shear)
-            k[own[:, 1:]] = np.clip(soft, _SOFTEST * first, first)[:, None]
+            k[channels[:, 1:]] = np.clip(soft, _SOFTEST * first, first)[:, None]
         self._bind(k)
         self.q = f_hat + self.k * moved
 

@@ -115,7 +115,7 @@ class WindowSolver:
         then."""
         settings = self._settings
         used = list[str]()
-        kept = list[Iterate]()
+        iterates = list[Iterate]()
         bits = 0
 
         def look(_: int, verdict: int, __: int) -> None:
@@ -124,8 +124,8 @@ class WindowSolver:
             record.error_indicator.append(float(measures[0]))
             record.force_mismatch.append(float(measures[1]))
             # the first one, too: a best iterate must exist where all are NaN
-            if verdict & (BEST | CONVERGED) or not kept:
-                kept[:], record.accepted = [Iterate.last(stages)], record.iterations - 1
+            if verdict & (BEST | CONVERGED) or not iterates:
+                iterates[:], record.accepted = [Iterate.last(stages)], record.iterations - 1
             record.newton_steps = stages.newton_steps()
             self._report(number, record, stages)
 
@@ -135,8 +135,8 @@ class WindowSolver:
         try:
             while True:
                 stages.accelerate(settings, relaxed=used[-1:] == [RELAXED], again=bool(used))
-                made = stages.iterations((begin, start, phase, limit), look)
-                best, record.converged, start = kept[0], made > 0, abs(made)
+                count = stages.iterations((begin, start, phase, limit), look)
+                best, record.converged, start = iterates[0], count > 0, abs(count)
                 ended = record.converged or bits & BROKEN
                 fallback = None if ended else self._fallback(stages, used, start >= limit)
                 if fallback is None:
@@ -319,8 +319,8 @@ class WindowRun(RunState, ABC):
             self._count(before)
             return record
         guess = self._given_guess(first, n)
-        given = guess is not None
-        if not given:
+        warm = guess is not None
+        if not warm:
             guess = self._own_guess(n)
         # not where the kernels have refused this instant
         by_tables = n == 1 and self.part is None and not self._refused
@@ -348,7 +348,7 @@ class WindowRun(RunState, ABC):
         if not record.converged:
             solver.solve(stages, record, number)
         # the given fields were no help: once more from the state itself
-        if given and not record.converged:
+        if warm and not record.converged:
             self.image.call(entries.LEAVE)
             record.fallbacks.append(COLD)
             guess = self._own_guess(n)
@@ -423,7 +423,7 @@ class WindowRun(RunState, ABC):
         """March the linear stage of the last iterate, and restore the state before it."""
         image = self.image
         # the whole block: work of the iteration is needed again, too
-        kept = image.moving.copy()
+        backup = image.moving.copy()
         begun = self.assembly.instant
         row = int(image.run[0]["first_row"])
         # one instant leaves the state at its start; a long window has marched it to its end
@@ -431,7 +431,7 @@ class WindowRun(RunState, ABC):
             image.call(entries.LEAVE)
         self._set_first_row(stages.first)
         self._march_accepted(stages, after)
-        image.moving[:] = kept
+        image.moving[:] = backup
         image.set({"first_row": row})
         self._set_instant(begun)
 

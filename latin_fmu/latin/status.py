@@ -244,8 +244,8 @@ class WindowList(Sequence[WindowRecord]):
             force residuals after each iteration, copied. defects : (n,) at the end, copied.
         """
         # row by row: the curves one after the other, without what pads them
-        held = np.arange(errors.shape[1]) < counts[:, :1]
-        curves = errors[held], residuals[held]
+        mask = np.arange(errors.shape[1]) < counts[:, :1]
+        curves = errors[mask], residuals[mask]
         self._tables.append((self._n, first, counts.copy(), defects.copy(), np.cumsum(counts[:, 0]), *curves))
         self._n += len(counts)
 
@@ -342,7 +342,7 @@ class WindowList(Sequence[WindowRecord]):
                 self.keep(int(numbers[at, 0]), counts, errors, residuals, part["defect"][at : at + n])
             else:
                 first, last, done, accepted, _, steps, corrections = numbers[at].tolist()
-                curve, forces = (own[at].tolist() for own in curves)
+                curve, forces = (values[at].tolist() for values in curves)
                 used = list(fallbacks.get(str(at), []))
                 rest = (
                     float(part["disagreement"][at]),

@@ -33,14 +33,14 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
     dashpot = np.divide(assembly.layout.area, softness, out=np.zeros(n_flat), where=softness > 0.0)
     blocks = []
     traces = []
-    known = 0
+    size = 0
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         ops, model = propagator.operators, propagator.members[0]
         factors = operator_factors(model, assembly.scheme, assembly.dt)
         operator = model.operator_pattern.sum(factors, operator_matrices(model))
         gain = assembly.scheme.interface_gain(assembly.dt) * assembly.scheme.traction_weight
         # of every member: alike bodies share a factor, the tied one has each of them
-        known += channels.shape[1] * (getattr(ops.factor, "panels", NONE).size + ops.factor.schur.size)
+        size += channels.shape[1] * (getattr(ops.factor, "panels", NONE).size + ops.factor.schur.size)
         for member in channels.T:
             blocks.append(sp.csr_array(operator / gain))
             # rows of its channels, columns of its dofs
@@ -54,7 +54,7 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
     matrix.sort_indices()
     face = np.unique(trace.indices).astype(np.int64)
     shape = shared_analysis(Pattern(matrix, NONE, _rank(assembly, matrix, face), face))
-    if int(shape.panel_start[-1]) > MOST_TIED * known:
+    if int(shape.panel_start[-1]) > MOST_TIED * size:
         return {}
     factor = CholeskyFactor(matrix, NONE, None, np.float32, shape, face)
     places = sp.csr_array((trace.data, shape.position[trace.indices], trace.indptr), shape=trace.shape)

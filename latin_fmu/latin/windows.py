@@ -139,7 +139,7 @@ class Run(WindowRun):
 
         monitor : of this segment, in the place of the one that the run was made with.
         """
-        own, self._monitor = self._monitor, self._monitor if monitor is None else monitor
+        default, self._monitor = self._monitor, self._monitor if monitor is None else monitor
         try:
             self.open_bonds()
             total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
@@ -148,7 +148,7 @@ class Run(WindowRun):
             self._use(length)
             self._solve(total, length)
         finally:
-            self._monitor = own
+            self._monitor = default
 
     def open_bonds(self) -> None:
         """Solve perfect interfaces directly from here on, where there are no others."""
@@ -177,11 +177,11 @@ class Run(WindowRun):
     def _advance_or_return(self, n: int, number: int, count: int, refusals: int) -> None:
         """``advance``, or the state before where the run is stopped inside; ``refusals``: before the compiled driver
         refused the window."""
-        begun, kept = self.assembly.instant, self.image.state.copy()
+        begun, backup = self.assembly.instant, self.image.state.copy()
         try:
             self.advance(n, number, count)
         except StopError:
-            self.image.state[:] = kept
+            self.image.state[:] = backup
             self._set_instant(begun)
             self.refusals = refusals  # a run that is continued begins with the compiled driver
 
@@ -273,7 +273,7 @@ class Run(WindowRun):
         steps, is Newton's method for the window; one iteration of the window certifies it.
         """
         image, begun = self.image, self.assembly.instant
-        kept, state = image.state.copy(), {name: getattr(self, name) for name in _RESTORED}
+        backup, state = image.state.copy(), {name: getattr(self, name) for name in _RESTORED}
         spent = self.timings.march
         self._clear()
         self._observer = self._progress = None
@@ -289,7 +289,7 @@ class Run(WindowRun):
         # attributes of the run as they were
         finally:
             vars(self).update(state)
-            image.state[:] = kept
+            image.state[:] = backup
             image.set(rules(self.settings))
             self._set_instant(begun)
         if failed:

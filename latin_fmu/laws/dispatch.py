@@ -59,13 +59,13 @@ def _dispatch(kernel_name: str, arguments: str, unknown: str) -> Any:
     It is written out as a chain of branches, since a compiled function takes no table of functions.
     """
     lines = [f"def {kernel_name}(law, {arguments}):"]
-    known: dict[str, Any] = {"__name__": __name__, "nan": np.nan}
+    namespace: dict[str, Any] = {"__name__": __name__, "nan": np.nan}
     for code, law in enumerate(REGISTRY):
-        known[law.name] = getattr(law, kernel_name)
+        namespace[law.name] = getattr(law, kernel_name)
         lines.append(f"    if law == {code}:\n        return {law.name}({arguments})")
     # no text from outside: names are those of REGISTRY
-    exec(compile("\n".join([*lines, f"    {unknown}"]), __file__, "exec"), known)
-    return kernel(known[kernel_name])
+    exec(compile("\n".join([*lines, f"    {unknown}"]), __file__, "exec"), namespace)
+    return kernel(namespace[kernel_name])
 
 
 apply = _dispatch("value", "point, traction", "traction[:] = nan")

@@ -35,12 +35,12 @@ def value(point: PointState, traction: Array) -> None:
 @kernel
 def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component in which the layer has a stiffness."""
-    made = 0
+    count = 0
     for i in range(len(point.jump)):
         stiffness = point.parameters[min(i, 1)]
         if stiffness > 0.0:
-            made = add_unknown(made, i, point.rate / stiffness, unknowns)  # what the layer adds to z
-    return made
+            count = add_unknown(count, i, point.rate / stiffness, unknowns)  # what the layer adds to z
+    return count
 
 
 @dataclass(frozen=True)

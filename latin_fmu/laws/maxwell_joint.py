@@ -35,12 +35,12 @@ def value(point: PointState, traction: Array) -> None:
 @kernel
 def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component in which the joint has a stiffness."""
-    made = 0
+    count = 0
     for i in range(len(point.jump)):
         stiffness = point.parameters[3] * point.parameters[min(i, 1)]
         if stiffness > 0.0:
-            made = add_unknown(made, i, point.rate / stiffness, unknowns)
-    return made
+            count = add_unknown(count, i, point.rate / stiffness, unknowns)
+    return count
 
 
 @dataclass(frozen=True)

@@ -30,21 +30,21 @@ def value(point: PointState, traction: Array) -> None:
     closing = -(point.jump[0] + point.reach[0])
     traction[0] = -closing / point.z[0] if closing > 0.0 and point.z[0] > 0.0 else 0.0
     # reach is the gap times ``rate``
-    held = point.reach[0] <= point.rate * point.parameters[0] and point.z[1] > 0.0
+    stick = point.reach[0] <= point.rate * point.parameters[0] and point.z[1] > 0.0
     for i in range(1, len(point.jump)):
         # no bound by the pressure: shear at a point without pressure belongs to this law
-        traction[i] = point.jump[i] / point.z[1] if held else 0.0
+        traction[i] = point.jump[i] / point.z[1] if stick else 0.0
 
 
 @kernel
 def tangent(point: PointState, unknowns: Unknowns) -> int:
     """The pressure of a pressed point, and the shear of a held one."""
-    made = 0
+    count = 0
     if -(point.jump[0] + point.reach[0]) > 0.0 and point.z[0] > 0.0:
-        made = add_unknown(0, 0, unknowns.proximal * point.z[0], unknowns)
+        count = add_unknown(0, 0, unknowns.proximal * point.z[0], unknowns)
     if len(point.jump) > 1 and point.z[1] > 0.0 and point.reach[0] <= point.rate * point.parameters[0]:
-        made = sticking(made, unknowns.proximal * point.z[1], unknowns)
-    return made
+        count = sticking(count, unknowns.proximal * point.z[1], unknowns)
+    return count
 
 
 @kernel

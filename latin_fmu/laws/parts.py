@@ -102,19 +102,19 @@ def friction_tangent(pressure: float, coefficient: float, point: PointState, unk
 
 
 @kernel
-def sticking(made: int, soft: float, unknowns: Unknowns) -> int:
+def sticking(count: int, soft: float, unknowns: Unknowns) -> int:
     """Add the unknowns of both tangential components, which are held; number of unknowns then."""
     for i in range(1, 3):
-        made = add_unknown(made, i, soft, unknowns)
-    return made
+        count = add_unknown(count, i, soft, unknowns)
+    return count
 
 
 @kernel
-def add_unknown(made: int, i: int, soft: float, unknowns: Unknowns) -> int:
+def add_unknown(count: int, i: int, soft: float, unknowns: Unknowns) -> int:
     """Add the unknown of component i alone with s_i = ``soft``; number of unknowns then."""
-    unknowns.columns[3 * made + i] = unknowns.rows[3 * made + i] = 1.0
-    unknowns.softness[4 * made] = soft
-    return made + 1
+    unknowns.columns[3 * count + i] = unknowns.rows[3 * count + i] = 1.0
+    unknowns.softness[4 * count] = soft
+    return count + 1
 
 
 @kernel

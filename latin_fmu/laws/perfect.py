@@ -25,12 +25,12 @@ def value(point: PointState, traction: Array) -> None:
 @kernel
 def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component that is not held on both sides."""
-    made = 0
+    count = 0
     for i in range(len(point.jump)):
         both = point.z[min(i, 1)]
         if both > 0.0:
-            made = add_unknown(made, i, unknowns.proximal * both, unknowns)
-    return made
+            count = add_unknown(count, i, unknowns.proximal * both, unknowns)
+    return count
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,13 @@ def value(point: PointState, traction: Array) -> None:
 @kernel
 def tangent(point: PointState, unknowns: Unknowns) -> int:
     """One unknown for each component in which the joint has a viscosity."""
-    made = 0
+    count = 0
     for i in range(len(point.jump)):
         viscosity = point.parameters[min(i, 1)]
         if viscosity > 0.0:
             # 1 / c: what the joint adds to z, the traction being c times the jump left
-            made = add_unknown(made, i, 1.0 / viscosity, unknowns)
-    return made
+            count = add_unknown(count, i, 1.0 / viscosity, unknowns)
+    return count
 
 
 @dataclass(frozen=True)

@@ -352,15 +352,15 @@ class Equations:
         return self.law.called_for(self.motion(t, y, segment)[0], segment)
 
     # -- right-hand side --------------------------------------------------------------------------------------------
-    def evaluate(self, t: float, y: Array, modes: ContactModes, given: GivenLoads) -> Evaluation:
-        """Derivative of the states and what the outputs need of it; ``given`` as in ``Amplitudes.at``."""
+    def evaluate(self, t: float, y: Array, modes: ContactModes, loads: GivenLoads) -> Evaluation:
+        """Derivative of the states and what the outputs need of it; ``loads`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
         x = y[:n]
         v = y[n : 2 * n]
         area = s.contacts.area
         motion, ground = self.motion(t, y, modes.segment)
         traction = self.law.traction(motion, modes)
-        amplitudes = self.amplitudes.at(t, modes.segment, given)
+        amplitudes = self.amplitudes.at(t, modes.segment, loads)
         pushed, rubbed = area * traction.pressure, area * traction.shear
         interface = s.contacts.opening.T @ pushed
         if self._slides:
@@ -385,11 +385,11 @@ class Equations:
         rates = v[self._of_branch]
         power = 0.0
         for branch, part in self._parts(elongations):
-            own, places = elongations[part], self._of_branch[part]
-            pulled = branch.stiffness @ own
+            elongation, places = elongations[part], self._of_branch[part]
+            pulled = branch.stiffness @ elongation
             np.add.at(forces, places, pulled)
-            rates[part] -= own / branch.time
-            power += float(own @ pulled) / branch.time
+            rates[part] -= elongation / branch.time
+            power += float(elongation @ pulled) / branch.time
         return forces, rates, power
 
     def _parts(self, elongations: Array) -> Iterator[tuple[Branch, slice]]:
@@ -468,13 +468,13 @@ class Amplitudes:
         # a jump at the end belongs to the next segment
         return min(t, self.knots[segment]) if segment < len(self.knots) else t
 
-    def at(self, t: float, segment: int, given: GivenLoads) -> Array:
-        """Amplitudes of the loads, (n_load,); ``given`` : the loads set from outside."""
+    def at(self, t: float, segment: int, loads: GivenLoads) -> Array:
+        """Amplitudes of the loads, (n_load,); ``loads`` : those set from outside."""
         inside = self._inside(t, segment)
         amplitudes = np.ones(len(self._laws))  # a constant load has no law
         for i, (name, law) in enumerate(zip(self._names, self._laws, strict=True)):
-            if name in given:
-                value, rate, since = given[name]
+            if name in loads:
+                value, rate, since = loads[name]
                 amplitudes[i] = value + rate * (t - since)
             elif law is not None:
                 amplitudes[i] = law.sample(inside)

@@ -52,17 +52,17 @@ class ReducedVariableStore(VariableStore):
         # states, derivatives and indicators follow the table in the references
         if not 0 <= reference < len(self.table):
             return f"variable {reference} is calculated and was not set"
-        variable, kept = self.table[reference], self.numbers[reference]
+        variable, previous = self.table[reference], self.numbers[reference]
         if variable.causality == "parameter" and not self.fixed and not _allowed(variable.name, value):
-            return f"{variable.name} is {value}: allowed are finite values > 0; {kept} is kept"
+            return f"{variable.name} is {value}: allowed are finite values > 0; {previous} is kept"
         return super().refusal(reference, value)
 
     def set_number(self, reference: int, value: float) -> None:
         """Set an input, or before initialization a parameter, that is not refused."""
-        variable, kept = self.table[reference], self.numbers[reference]
+        variable, previous = self.table[reference], self.numbers[reference]
         super().set_number(reference, value)
         if variable.causality == "input":
-            if not isfinite(value) and isfinite(kept):
+            if not isfinite(value) and isfinite(previous):
                 self.log(ERROR, f"{variable.name} is {value}: the model cannot go on from here")
             # ``rate`` alone keeps the instant: its line goes through the value, wherever the rate is set
             if variable.name.endswith(".value"):
@@ -159,12 +159,12 @@ class ReducedModelInstance:
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set inputs, states, and before initialization parameters; False, and an error is logged, where one of them is
         refused: then none is set."""
-        given = list(zip(references, values, strict=True))
+        pairs = list(zip(references, values, strict=True))
         # the table first, as it alone can refuse; states take any value
-        others = [(r, value) for r, value in given if r not in self._state_of]
+        others = [(r, value) for r, value in pairs if r not in self._state_of]
         if others and not self.variables.set(*zip(*others, strict=True)):
             return False
-        for reference, value in given:
+        for reference, value in pairs:
             if reference in self._state_of:
                 self.y[self._state_of[reference]] = value
         self._changed()
@@ -248,8 +248,8 @@ class ReducedModelInstance:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
         self._logged.clear()  # the call fails each time, and its message is logged each time
         state = decode(saved, self._kind)
-        own = decode(bytes(self._encoded()), self._kind)
-        check_like(state, own, "state", optional=("segment",))
+        reference = decode(bytes(self._encoded()), self._kind)
+        check_like(state, reference, "state", optional=("segment",))
         self.variables.check_state(state["variables"])
         if state["closed"].min(initial=0) < 0 or state["events"] < 0:
             raise unlike("state", "a contact that is neither open nor closed, or a negative count")

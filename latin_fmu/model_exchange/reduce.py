@@ -95,9 +95,9 @@ def bonded_bodies(discretised: DiscretisedProblem) -> list[BondedBody]:
     bodies = []
     for number in dict.fromkeys(label):  # in the order of the scene
         members = [models[n] for n, i in zip(names, label, strict=True) if i == number]
-        held = {m.name for m in members}
+        member_names = {m.name for m in members}
         # bonds with the ground are refused before: side E is of the body
-        joined = [u for u in bonds if split_face(u.sides[0])[0] in held]
+        joined = [u for u in bonds if split_face(u.sides[0])[0] in member_names]
         bodies.append(_body(members, joined, discretised))
     return bodies
 
@@ -368,28 +368,28 @@ def branches_of(bodies: Sequence[ReducedBody], units: Sequence[InterfaceUnit]) -
     sizes = np.cumsum([0, *(b.size for b in bodies)])
     sides = [split_face(unit.sides[0])[0] for unit in units if is_bond(unit)]
     bonds = [unit for unit in units if is_bond(unit)]
-    made = []
+    result = []
     for branches in dict.fromkeys(m.branches for b in bodies for m in b.body.members.values() if len(m.branches)):
         places = []
         blocks = []
         rows = []
         for i, b in enumerate(bodies):
-            own = {name: m for name, m in b.body.members.items() if m.branches == branches}
-            if not own:
+            members = {name: m for name, m in b.body.members.items() if m.branches == branches}
+            if not members:
                 continue
             places.append(np.arange(sizes[i], sizes[i + 1]))
-            parts = {name: b.basis[b.body.where[name]] for name in own}
-            blocks.append(sum(parts[name].T @ (m.stiffness @ parts[name]) for name, m in own.items()))
+            parts = {name: b.basis[b.body.where[name]] for name in members}
+            blocks.append(sum(parts[name].T @ (m.stiffness @ parts[name]) for name, m in members.items()))
             row = np.zeros((len(bonds), 3, b.size))
             for k, (unit, side) in enumerate(zip(bonds, sides, strict=True)):
-                if side in own:
-                    row[k] = _translations(unit, own[side].expansion) @ (own[side].stiffness @ parts[side])
+                if side in members:
+                    row[k] = _translations(unit, members[side].expansion) @ (members[side].stiffness @ parts[side])
             rows.append(row)
         for strength, time in zip(branches.strengths, branches.times, strict=True):
             stiffness: Array = sp.block_diag([sp.coo_array(block) for block in blocks]).toarray()
             forces = np.concatenate(rows, axis=-1)
-            made.append(Branch(time, np.concatenate(places).astype(float), strength * stiffness, strength * forces))
-    return made
+            result.append(Branch(time, np.concatenate(places).astype(float), strength * stiffness, strength * forces))
+    return result
 
 
 MAX_STATES = 600  # an integrator fills a Jacobian of this size squared by differences
@@ -535,7 +535,7 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
     stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])  # 0 for rigid motions
     motion = np.hstack([b.trace @ b.basis for b in bodies]).reshape(-1, 3, len(m))
     names, loads = loads_of(bodies, root)
-    known: Mapping[str, Any] = scene.force_laws
+    laws: Mapping[str, Any] = scene.force_laws
     traction = characteristic_traction(scene, discretised.bodies, discretised.time) or 1.0
     impedance = side_impedance(discretised.bodies, units, discretised.layout)
     speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0  # v = p / z
@@ -550,7 +550,7 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
         branches=branches_of(bodies, units),
         loads=loads,
         load_names=names,
-        laws={n: known[n].model_dump() for n in dict.fromkeys(names) if n},
+        laws={n: laws[n].model_dump() for n in dict.fromkeys(names) if n},
         displacement=np.concatenate([b.model.displacement for b in bodies]) / root,  # q / sqrt(m)
         velocity=np.concatenate([b.model.velocity for b in bodies]) / root,
         contacts=_contacts(cuts, motion, stiffness),
@@ -650,9 +650,9 @@ def _mesh(
     sizes = [m.n_full for m in models]
     starts = [sum(sizes[:i]) for i in range(len(sizes))]
     where = {
-        name: slice(start + own.start, start + own.stop)
+        name: slice(start + part.start, start + part.stop)
         for body, start in zip(bodies, starts, strict=True)
-        for name, own in body.where.items()
+        for name, part in body.where.items()
     }
     for cut in cuts:
         traces = [cut.unit.geometry.local_trace(side, cut.unit.behaviour.n_component) for side in (0, 1)]

@@ -84,15 +84,15 @@ class VariableStore:
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set numbers. False, and an error is logged, where one of them is refused: then none is set."""
         # all or none: every value is looked at before one is set
-        given = [(reference, float(value)) for reference, value in zip(references, values, strict=False)]
-        if not self._accepts(given):
+        pairs = [(reference, float(value)) for reference, value in zip(references, values, strict=False)]
+        if not self._accepts(pairs):
             return False
-        for reference, value in given:
+        for reference, value in pairs:
             self.set_number(reference, value)
         return True
 
-    def _accepts(self, given: Iterable[tuple[int, float]]) -> bool:
-        for reference, value in given:
+    def _accepts(self, pairs: Iterable[tuple[int, float]]) -> bool:
+        for reference, value in pairs:
             if refusal := self.refusal(reference, value):
                 self.log(ERROR, refusal)
                 return False

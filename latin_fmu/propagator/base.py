@@ -163,13 +163,13 @@ class ClassState:
     def attach(self, image: Image, number: int) -> None:
         """Move the motion into an image, as its class ``number``."""
         # before ``stand_in``, which lets go of the place where they are
-        own = self.fields
+        fields = self.fields
         account = self.account
         elongation = self.elongation
         elongation = None if elongation is None else elongation.copy()
         face = None if self.face is None else self.face.copy()
         self.stand_in(image, number)
-        self.set(*own)
+        self.set(*fields)
         if face is not None:
             self.put_on_face(face)
         there = self.elongation
@@ -190,12 +190,12 @@ class ClassState:
         if self.image is None:
             return
         account = self.account
-        kept = {name: field.copy() for name, field in zip(_FIELDS, self.fields, strict=True)}
+        fields = {name: field.copy() for name, field in zip(_FIELDS, self.fields, strict=True)}
         self._account = None if account is None else account.copy()
         elongation = self.elongation
         self._elongation = None if elongation is None else elongation.copy()
         self._face = None if self.face is None else self.face.copy()
-        self._own, self.image = kept, None
+        self._own, self.image = fields, None
 
 
 class Propagator(ABC):
@@ -229,7 +229,7 @@ class Propagator(ABC):
         scheme: TimeScheme,
         dt: float,
         energy: bool,
-        kept: list[tuple[float, Any]] | None = None,
+        operators: list[tuple[float, Any]] | None = None,
     ) -> None:
         self.members = list(members)
         self.names = [m.name for m in members]
@@ -238,7 +238,7 @@ class Propagator(ABC):
         self.swept = members[0].swept
         self.loads_only = False  # of the energies the work of the loads alone is followed
         self.forcing = Forcing(members, scheme)
-        self._kept: list[tuple[float, Any]] = [] if kept is None else kept
+        self._kept: list[tuple[float, Any]] = [] if operators is None else operators
         self._resumed: list[MotionState] | None = None
         self.begun = False
         self.instant = 0
@@ -255,7 +255,7 @@ class Propagator(ABC):
         """Operators for the step dt: a few are kept for use again."""
         if hasattr(self, "dt") and self.dt == dt:
             return
-        operators = next((kept for step, kept in self._kept if step == dt), None)
+        operators = next((entry for step, entry in self._kept if step == dt), None)
         if operators is None:
             operators = self._build(dt)
             # in place: twins hold the same list

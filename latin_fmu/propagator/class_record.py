@@ -51,9 +51,9 @@ class BlockLayout:
 
     def reserve(self, size: int, owner: Any = None) -> int:
         """Position of ``size`` numbers, on a line of the cache; the same one each time for the same ``owner``."""
-        known = self._known.get(id(owner))
-        if known is not None:
-            return known[0]
+        entry = self._known.get(id(owner))
+        if entry is not None:
+            return entry[0]
         at = self.size
         # up to a whole line of the cache: threads that write to neighbouring arrays share none
         self.size = at + -(-size // LINE) * LINE
@@ -63,9 +63,9 @@ class BlockLayout:
 
     def put(self, array: NDArray[Any], kind: type[np.generic] = np.float64) -> int:
         """Position of an array, in numbers of ``kind`` (float64, int64, uint32, float32)."""
-        known = self._known.get(id(array))
-        if known is not None:
-            return known[0]
+        entry = self._known.get(id(array))
+        if entry is not None:
+            return entry[0]
         packed = np.ascontiguousarray(array, dtype=kind).reshape(-1)
         position = self.reserve(-(-packed.nbytes // 8)) * (8 // packed.itemsize)  # a position in numbers of its kind
         self._arrays.append((position, packed))

@@ -297,8 +297,8 @@ class DirectPropagator(Propagator):
         factor = ops.factor
         dashpots = ops.area * k
         name = store.name("dashpots", ops.trace, ops.gain, factor.schur, dashpots)
-        made = store.remember(name, lambda: {"y": with_dashpots(ops.trace, ops.gain, factor.schur, dashpots)})
-        return made["y"]
+        arrays = store.remember(name, lambda: {"y": with_dashpots(ops.trace, ops.gain, factor.schur, dashpots)})
+        return arrays["y"]
 
 
 class CgPropagator(DirectPropagator):

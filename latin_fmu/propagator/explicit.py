@@ -80,24 +80,24 @@ class ExplicitPropagator(Propagator):
         super().begin(histories, dt)
 
     def _build(self, dt: float) -> Operators:
-        model, held = self.members[0], self._mass
+        model, mass = self.members[0], self._mass
         if self.dashpots is not None:
             p = model.expansion
-            held = sp.csr_array(held + 0.5 * dt * (p.T @ self.dashpots @ p))
-            held.eliminate_zeros()
+            mass = sp.csr_array(mass + 0.5 * dt * (p.T @ self.dashpots @ p))
+            mass.eliminate_zeros()
         same = (self._mass, self._damping, self._stiffness)
         # every entry on the diagonal, once zeros are gone
-        if held.nnz == held.shape[0]:
-            factor = DiagonalFactor(held.diagonal())
+        if mass.nnz == mass.shape[0]:
+            factor = DiagonalFactor(mass.diagonal())
             trace, spread = model.reduced_trace, model.reduced_spread
             compliance = projected_diagonal(trace, dt, factor.inverse)
             return Operators(*same, factor, factor.last, trace, spread, model.channel_area, compliance, _NONE)
         dofs, trace, _ = model.at_interface
         # blocks of nodes with oblique dashpots, or a rigid body: the inverse has no more entries than these blocks
-        full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
+        full = sp.csr_array(spla.inv(sp.csc_matrix(mass)))
         compliance = projected(trace, dt, full[dofs][:, dofs].toarray())
         return Operators(
-            *same, CholeskyFactor(held, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
+            *same, CholeskyFactor(mass, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
         )
 
     # -- start ------------------------------------------------------------------------------------------------

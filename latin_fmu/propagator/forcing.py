@@ -64,8 +64,8 @@ class Forcing:
         self._reduced = []  # per member and load: the pattern, and its rows and values for the kernels
         for column, member in enumerate(members):
             dofs = [np.flatnonzero(p).astype(np.int64) for p in member.reduced_loads]
-            given = zip(member.reduced_loads, dofs, strict=True)
-            self._reduced.append([(p, (where * len(members) + column, p[where])) for p, where in given])
+            patterns = zip(member.reduced_loads, dofs, strict=True)
+            self._reduced.append([(p, (where * len(members) + column, p[where])) for p, where in patterns])
         self._loads: dict[tuple[tuple[int, int], ...], Sum] = {}  # by member and number of the loads that vary
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
@@ -248,13 +248,13 @@ class _Motion:
         self._unrelaxed = None if member.unrelaxed is None else reduce @ (member.unrelaxed @ self.pattern)
         self._damping = None if (damped := damping_forces(member, self.pattern)) is None else reduce @ damped
 
-    def begin(self, given: Array, kinds: Sequence[str], dt: float) -> None:
+    def begin(self, drive: Array, kinds: Sequence[str], dt: float) -> None:
         """Histories from what drives the motions, (n_time, n_motion), of these kinds (``Histories``)."""
         forced, placed = (_numbers(kinds, kind) for kind in ("acceleration", "displacement"))
         scheme = self._scheme
-        pushed = given[:, forced]
-        rates = given[:, placed]
-        v = given.copy()
+        pushed = drive[:, forced]
+        rates = drive[:, placed]
+        v = drive.copy()
         if scheme.operator(dt)[0] == 0.0:
             # increments of load have the velocity of the step
             v[0, placed], v[1:, placed] = 0.0, rates[:-1]
@@ -268,15 +268,15 @@ class _Motion:
             integrated = np.concatenate([forced, placed])
             u[0], a[0], v[0, integrated] = *self.start[:2], self.start[2][integrated]
         for i in range(len(v) - 1):
-            free, kept = scheme.predict(u[i], v[i], a[i], dt)
+            u_free, v_free = scheme.predict(u[i], v[i], a[i], dt)
             # from given velocities: a that makes v follow the recursion of the scheme, so that its energy identity
             # holds
             a[i + 1] = scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
             if len(forced):
                 # from given accelerations: those of a free body, whose velocity follows
                 a[i + 1, forced] = scheme.free_acceleration(a[i, forced], pushed[i], pushed[i + 1])
-                v[i + 1, forced] = kept[forced] + scheme.velocity_gain(dt) * a[i + 1, forced]
-            u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
+                v[i + 1, forced] = v_free[forced] + scheme.velocity_gain(dt) * a[i + 1, forced]
+            u[i + 1] = u_free + scheme.displacement_gain(dt) * a[i + 1]
             u[i + 1, placed] = u[i, placed] + dt * rates[i]
         self.histories = (u, v, a)
         self._dt = dt
@@ -293,11 +293,11 @@ class _Motion:
         strains = np.zeros_like(u)
         strains[0] = np.tensordot(branches.strengths, self.elongations[:, 0], 1)
         weights = branches.weights(self._scheme, dt)[:3]
-        for strength, kept, moved, elongation in zip(*weights, self.elongations, strict=True):
+        for strength, c_e, c_u, elongation in zip(*weights, self.elongations, strict=True):
             for i in range(len(u) - 1):
-                reached = kept * elongation[i] + moved * (middle[i + 1] - u[i])
+                reached = c_e * elongation[i] + c_u * (middle[i + 1] - u[i])
                 strains[i + 1] += strength * reached
-                elongation[i + 1] = kept * reached + moved * (u[i + 1] - middle[i + 1]) if explicit else reached
+                elongation[i + 1] = c_e * reached + c_u * (u[i + 1] - middle[i + 1]) if explicit else reached
         self._strained, self._strains = middle + strains, strains
 
     def at(self, instant: int) -> MotionState:

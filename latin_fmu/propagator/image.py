@@ -222,8 +222,9 @@ class Image:
         }
         self._groups = [_placed(group, fixed) for group in groups]
         self._rows = [
-            class_record.constants(fixed, *given[:4], normal, halves) | {"divided": int(given.divided), "split": 1}
-            for given in classes
+            class_record.constants(fixed, *image_class[:4], normal, halves)
+            | {"divided": int(image_class.divided), "split": 1}
+            for image_class in classes
         ]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self.n_fixed, self._waiting = fixed.size, [fixed]  # numbers of the block in use, what is to be written to it

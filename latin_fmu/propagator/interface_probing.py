@@ -66,8 +66,8 @@ class Points:
         channels = np.where((channels >= 0) & moving[channels], channels, -1)
         # without components at the end that no point has
         channels = channels[:, : 1 + np.flatnonzero((channels >= 0).any(axis=0)).max(initial=0)]
-        kept = (channels >= 0).any(axis=1)
-        return Points(self.positions[kept], channels[kept], self.faces[kept])
+        mask = (channels >= 0).any(axis=1)
+        return Points(self.positions[mask], channels[mask], self.faces[mask])
 
     def in_rows(self) -> Points:
         """These points in an order in which neighbours follow each other, as rows of a table are read."""
@@ -87,13 +87,13 @@ class Points:
         """A point in the middle of each face, two at its ends, and one between."""
         picked: list[int] = []
         for face in np.unique(self.faces):
-            own = np.flatnonzero(self.faces == face)
-            x = self.positions[own]
+            points = np.flatnonzero(self.faces == face)
+            x = self.positions[points]
             middle = x.mean(axis=0)
             end = x[np.argmax(np.linalg.norm(x - middle, axis=1))]
             other = x[np.argmax(np.linalg.norm(x - end, axis=1))]
             between = 0.6 * middle + 0.4 * end
-            picked += [own[np.argmin(np.linalg.norm(x - p, axis=1))] for p in (middle, end, other, between)]
+            picked += [points[np.argmin(np.linalg.norm(x - p, axis=1))] for p in (middle, end, other, between)]
         return np.unique(picked)
 
 
@@ -118,10 +118,10 @@ class Table:
 
     def fields(self, name: str, put: Callable[..., int]) -> dict[str, int]:
         """Fields of the record of a class; ``put`` : arrays into a block."""
-        own = {"points": len(self.starts) - 1, "width": self.width, "entries": len(self.values)}
-        own |= {part: put(getattr(self, part), np.int64) for part in ("places", "starts", "runs")}
-        own["values"] = put(self.values, np.float32)
-        return {f"{name}_{field}": value for field, value in own.items()}
+        record = {"points": len(self.starts) - 1, "width": self.width, "entries": len(self.values)}
+        record |= {part: put(getattr(self, part), np.int64) for part in ("places", "starts", "runs")}
+        record["values"] = put(self.values, np.float32)
+        return {f"{name}_{field}": value for field, value in record.items()}
 
 
 def interface_tables(propagator: Any, points: Points, truncation: float, largest: float) -> dict[str, Table]:
@@ -190,11 +190,11 @@ def _probed(
     every = np.arange(len(points.positions))
     i, j = np.concatenate([every, pairs[:, 0]]), np.concatenate([every, pairs[:, 1]])
     blocks = columns.blocks(i, j, coloured(tree, points.positions, 2.0 * radius))
-    kept = np.abs(blocks).max(axis=(1, 2)) > truncation * largest
-    share = float((2 * kept.sum() - kept[: len(every)].sum()) / len(every) ** 2)
+    pattern = np.abs(blocks).max(axis=(1, 2)) > truncation * largest
+    share = float((2 * pattern.sum() - pattern[: len(every)].sum()) / len(every) ** 2)
     if share > most:
         return None
-    return _in_runs(points, i[kept], j[kept], blocks[kept], (radius, truncation, share))
+    return _in_runs(points, i[pattern], j[pattern], blocks[pattern], (radius, truncation, share))
 
 
 class _Columns:
@@ -234,12 +234,12 @@ class _Columns:
         sorted_by = [np.argsort(batch[columns], kind="stable") for columns in (j, i)]
         starts = [np.searchsorted(batch[c][order], ends) for c, order in zip((j, i), sorted_by, strict=True)]
         for number in ends[:-1]:
-            own = np.where(batch == number, colour - number * together, -1)
-            velocities = self._velocities(own, together)
+            colours = np.where(batch == number, colour - number * together, -1)
+            velocities = self._velocities(colours, together)
             for turned, (rows, columns) in enumerate(((i, j), (j, i))):
                 here = sorted_by[turned][starts[turned][number] : starts[turned][number + 1]]
                 # half from each order: symmetric to the last bit
-                part = 0.5 * velocities[rows[here], :, own[columns[here]]]
+                part = 0.5 * velocities[rows[here], :, colours[columns[here]]]
                 blocks[here] += part.transpose(0, 2, 1) if turned else part
         return blocks
 

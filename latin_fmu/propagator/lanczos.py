@@ -46,10 +46,10 @@ def lowest_modes(
         space[:, size : size + width], pulled[:, size : size + width] = block[:, :width], image[:, :width]
         answer = solve(pulled[:, size : size + width])
         size += width
-        own = pulled[:, :size].T @ answer
-        gram[:size, size - width : size], gram[size - width : size, :size] = own, own.T
+        projection = pulled[:, :size].T @ answer
+        gram[:size, size - width : size], gram[size - width : size, :size] = projection, projection.T
         # the new direction, of which a mode has its last components
-        rest = answer - space[:, :size] @ own
+        rest = answer - space[:, :size] @ projection
         full = size >= room
         if full or (size // BLOCK) % _LOOK == 0:
             inverse, turn = la.eigh(gram[:size, :size])
@@ -58,8 +58,8 @@ def lowest_modes(
             count = int((values <= limit).sum())
             if count > most:
                 return None
-            left = np.sqrt(max(float(la.norm(rest.T @ (mass @ rest), 2)), 0.0))
-            error = left * la.norm(turn[size - width :, : count + 1], axis=0) * (values[: count + 1] + shift)
+            residual = np.sqrt(max(float(la.norm(rest.T @ (mass @ rest), 2)), 0.0))
+            error = residual * la.norm(turn[size - width :, : count + 1], axis=0) * (values[: count + 1] + shift)
             if full or (size > count + BLOCK and error.max(initial=0.0) <= _EXACT):
                 return values[:count], space[:, :size] @ turn[:, :count]
 

@@ -148,8 +148,8 @@ def place_moving(
             if pool == "state" and arrays is CLASS:
                 # known once the state of the class is placed, and needed by sizes of its work
                 record["state"], record["energy"] = record["rest"], record["totals"]
-                own = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
-                record |= own
-                sizes |= own  # of copies of the state
+                counts = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
+                record |= counts
+                sizes |= counts  # of copies of the state
         state = block.size if pool == "state" else state
     return rows, int(state)

@@ -67,8 +67,8 @@ def lumped(matrix: sp.csr_array, nodal: bool) -> sp.csr_array:
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     columns, data = matrix.indices, matrix.data
     if not nodal:
-        kept = rows % 3 == columns % 3  # mass and stiffness of one component; consistent masses have no other
-        sums: Array = np.bincount(rows[kept], data[kept], minlength=matrix.shape[0]).astype(np.float64)
+        same = rows % 3 == columns % 3  # mass and stiffness of one component; consistent masses have no other
+        sums: Array = np.bincount(rows[same], data[same], minlength=matrix.shape[0]).astype(np.float64)
         return diagonal_matrix(_cleared(sums))
     # onto the column of the same component in the row's own node
     onto = 3 * (rows // 3) + columns % 3
@@ -80,9 +80,9 @@ def lumped(matrix: sp.csr_array, nodal: bool) -> sp.csr_array:
 
 def diagonal_matrix(values: Array) -> sp.csr_array:
     """Diagonal matrix (n, n) of values (n,), zeros left out."""
-    n, kept = len(values), np.flatnonzero(values)
-    starts = np.searchsorted(kept, np.arange(n + 1))
-    return sp.csr_array((values[kept], kept, starts), shape=(n, n))
+    n, places = len(values), np.flatnonzero(values)
+    starts = np.searchsorted(places, np.arange(n + 1))
+    return sp.csr_array((values[places], places, starts), shape=(n, n))
 
 
 def reduced_diagonal(expansion: sp.csr_array, values: Array) -> Array:
@@ -436,8 +436,8 @@ class SubstructureModel:
     @cached_property
     def with_lumped_mass(self) -> SubstructureModel:
         """The same model with a lumped mass, made once; its matrices need not be reduced again."""
-        own = self.lumped_mass
-        other = self.with_mass(lumped(self.inertia, nodal=False) if own is None else diagonal_matrix(own))
+        diagonal = self.lumped_mass
+        other = self.with_mass(lumped(self.inertia, nodal=False) if diagonal is None else diagonal_matrix(diagonal))
         mass = reduced_diagonal(self.expansion, other.inertia.diagonal())
         # what the cached property would compute, from the lumped diagonal
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
@@ -473,8 +473,8 @@ def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
     """The part of the stiffness of the reduced dofs that has no branches, (n, n); None where all has."""
     if model.unrelaxed is not None and "_unrelaxed" not in model.__dict__:
         model.__dict__["_unrelaxed"] = _reduced(model.expansion, model.unrelaxed)
-    made: sp.csr_array | None = model.__dict__.get("_unrelaxed")
-    return made
+    matrix: sp.csr_array | None = model.__dict__.get("_unrelaxed")
+    return matrix
 
 
 def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) -> list[float]:
@@ -500,15 +500,15 @@ def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.c
     if not _selects(p) or not matrix.has_sorted_indices:
         return sp.csr_array(p.T @ matrix @ p)
     free = np.diff(p.indptr) > 0
-    kept = free[matrix.indices] & np.repeat(free, np.diff(matrix.indptr))
+    entries = free[matrix.indices] & np.repeat(free, np.diff(matrix.indptr))
     if not zeros:
-        kept &= matrix.data != 0.0
+        entries &= matrix.data != 0.0
     counts, rows = np.zeros(len(free), dtype=np.int64), np.flatnonzero(np.diff(matrix.indptr))
     # rows without entries left out: reduceat would give them one of the next
-    counts[rows] = np.add.reduceat(kept, matrix.indptr[rows], dtype=np.int64)
+    counts[rows] = np.add.reduceat(entries, matrix.indptr[rows], dtype=np.int64)
     indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts[free])])
-    indices = (np.cumsum(free) - 1)[matrix.indices[kept]]
-    return sp.csr_array((matrix.data[kept], indices, indptr), shape=(p.shape[1], p.shape[1]))
+    indices = (np.cumsum(free) - 1)[matrix.indices[entries]]
+    return sp.csr_array((matrix.data[entries], indices, indptr), shape=(p.shape[1], p.shape[1]))
 
 
 def _sharing(model: SubstructureModel, other: SubstructureModel, names: frozenset[str] = _KEPT) -> SubstructureModel:
@@ -584,10 +584,10 @@ def _selects(expansion: sp.csr_array) -> bool:
 
 def share_patterns(models: Sequence[SubstructureModel]) -> None:
     """Make models whose reduced matrices have equal patterns share these (values stay their own)."""
-    known: dict[tuple[int, ...], list[SubstructureModel]] = {}
+    groups: dict[tuple[int, ...], list[SubstructureModel]] = {}
     for model in models:
         matrices = operator_matrices(model)
-        like = known.setdefault(tuple(m.nnz for m in matrices), [])
+        like = groups.setdefault(tuple(m.nnz for m in matrices), [])
         same = next((k for k in like if _same_patterns(operator_matrices(k), matrices)), None)
         if same is None:
             like.append(model)

@@ -101,9 +101,9 @@ def in_patches(matrix: Array, patches: Sequence[Index], tolerance: float, kind: 
     parts = []
     for p, basis in enumerate(bases):
         place = slice(first[p], first[p + 1])
-        own = scale[order[place]]
-        block = scaled[place, place] * (own[:, None] * own)
-        parts += [block[np.tril_indices(len(own))], (basis * own[:, None]).T.ravel()]
+        weights = scale[order[place]]
+        block = scaled[place, place] * (weights[:, None] * weights)
+        parts += [block[np.tril_indices(len(weights))], (basis * weights[:, None]).T.ravel()]
     core, at = np.zeros((ranks.sum(), ranks.sum())), np.concatenate([[0], np.cumsum(ranks)])
     for p in range(len(bases)):
         for q in range(p):
@@ -122,11 +122,11 @@ def _bases(scaled: Array, first: Index, tolerance: float) -> list[Array]:
             bases.append(np.zeros((high - low, 0)))
             continue
         if tolerance > np.sqrt(np.finfo(float).eps):  # of the squares nothing is lost
-            squares, left = np.linalg.eigh(others @ others.T)
+            squares, vectors = np.linalg.eigh(others @ others.T)
             sizes = np.sqrt(np.maximum(squares, 0.0))
         else:
-            left, sizes, _ = np.linalg.svd(others, full_matrices=False)
-        bases.append(left[:, sizes > limit])
+            vectors, sizes, _ = np.linalg.svd(others, full_matrices=False)
+        bases.append(vectors[:, sizes > limit])
     return bases
 
 

@@ -96,10 +96,10 @@ class ReducedPropagator(Propagator):
         if twin is not None and _same_basis(twin._given, members):
             reduced = twin.members
             self.n_mode = twin.n_mode
-            kept = twin._kept
+            operators = twin._kept
         else:
-            (reduced, self.n_mode), kept = reduced_members(members, n_mode), None
-        super().__init__(reduced, scheme, dt, energy, kept)
+            (reduced, self.n_mode), operators = reduced_members(members, n_mode), None
+        super().__init__(reduced, scheme, dt, energy, operators)
 
     def _build(self, dt: float) -> ReducedOperators:
         model, scheme = self.members[0], self.scheme
@@ -171,13 +171,13 @@ class ReducedPropagator(Propagator):
 def _same_basis(first: Sequence[SubstructureModel], second: Sequence[SubstructureModel]) -> bool:
     """Whether models with equal matrices have equal loads and initial values, which the Ritz vectors depend on."""
 
-    def own(model: SubstructureModel) -> list[Array]:
+    def data(model: SubstructureModel) -> list[Array]:
         speed = np.zeros(0) if model.imposed_speed is None else model.imposed_speed
         return [model.displacement, model.velocity, model.imposed_start, speed, *(load.pattern for load in model.loads)]
 
     names = [[(m.name, [load.name for load in m.loads]) for m in models] for models in (first, second)]
     return names[0] == names[1] and all(
-        np.array_equal(a, b) for m, n in zip(first, second, strict=True) for a, b in zip(own(m), own(n), strict=True)
+        np.array_equal(a, b) for m, n in zip(first, second, strict=True) for a, b in zip(data(m), data(n), strict=True)
     )
 
 
@@ -221,7 +221,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
     )
     weighted = model.inertia @ basis
 
-    def own(member: SubstructureModel) -> SubstructureModel:
+    def projection(member: SubstructureModel) -> SubstructureModel:
         # q = R^T M u of what the conditions leave of u, as R is orthonormal in the mass
         p = model.expansion
         fields = member.displacement, member.velocity
@@ -238,7 +238,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
             imposed_speed=member.imposed_speed,
         )
 
-    return [own(member) for member in members], reduction.n_mode
+    return [projection(member) for member in members], reduction.n_mode
 
 
 def _modal_damping(model: SubstructureModel, eigenvalues: Array, stiffness: Array) -> Array:

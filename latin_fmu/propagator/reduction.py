@@ -46,14 +46,14 @@ def lowest_modes(body: Vibration, n_mode: int, excited: Array) -> tuple[Array, A
     while True:
         rigid, values, elastic = body.modes(requested)
         complete = rigid.shape[1] + len(values) == body.n
-        kept, count = [elastic[:, :0]], 0
+        columns, count = [elastic[:, :0]], 0
         for group in _equal_values(values, complete):
             if count >= n_mode:
                 break
-            kept.append(_excitable(elastic[:, group], excited))
-            count += kept[-1].shape[1]
+            columns.append(_excitable(elastic[:, group], excited))
+            count += columns[-1].shape[1]
         if count >= n_mode or complete:
-            return rigid, np.column_stack(kept)
+            return rigid, np.column_stack(columns)
         requested *= 2
 
 
@@ -145,9 +145,9 @@ def reduce_model(
     """
     if n_mode < 0:
         raise ValueError(f"the number of modes must be >= 0, not {n_mode}")
-    for given in (shapes, exciting):
-        if given is not None and (given.ndim != 2 or given.shape[0] != model.channel_area.size):
-            raise ValueError(f"shapes must be ({model.channel_area.size}, n_shape), not {given.shape}")
+    for tractions in (shapes, exciting):
+        if tractions is not None and (tractions.ndim != 2 or tractions.shape[0] != model.channel_area.size):
+            raise ValueError(f"shapes must be ({model.channel_area.size}, n_shape), not {tractions.shape}")
     e = model.expansion
     mass, stiffness = (sp.csr_array(e.T @ m @ e) for m in (model.inertia, model.stiffness))
     if (mass.diagonal() <= 0.0).any():
@@ -202,8 +202,8 @@ def orthonormal_to(vectors: Array, basis: Array, mass: sp.csr_array, stiffness: 
 def ritz_vectors(body: Vibration, rigid: Array, modes: Array, forces: Array) -> tuple[Array, Array]:
     """Eigenvalues (m,), s-2, and Ritz vectors (n, m), mass-orthonormal, of elastic modes and of the static responses to
     forces (n, n_force), as far as these are not in the span of modes and rigid motions."""
-    kept = np.column_stack([rigid, modes])
-    elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, body.mass)])
+    basis = np.column_stack([rigid, modes])
+    elastic = np.column_stack([modes, _added(body.static(rigid, forces), basis, body.mass)])
     # orthonormal in the mass already: an ordinary eigenproblem
     eigenvalues, turn = la.eigh(elastic.T @ (body.stiffness @ elastic))
     return eigenvalues, elastic @ turn
@@ -220,8 +220,8 @@ def _damping(model: SubstructureModel, basis: Array, eigenvalues: Array) -> Arra
     """Damping in Ritz coordinates (m, m), s-1, None where the model has none."""
     if model.damping is None and model.modal is None:
         return None
-    own = np.diag(modal_damping(model, eigenvalues))
-    return own if model.damping is None else np.asarray(basis.T @ (model.damping @ basis) + own)
+    modal = np.diag(modal_damping(model, eigenvalues))
+    return modal if model.damping is None else np.asarray(basis.T @ (model.damping @ basis) + modal)
 
 
 def _coupling(damping: sp.csr_array | None, modes: Array, mass: sp.csr_array) -> Array:
@@ -235,8 +235,8 @@ def _coupling(damping: sp.csr_array | None, modes: Array, mass: sp.csr_array) ->
 
 def _forces(model: SubstructureModel, shapes: Array | None) -> Array:
     """Forces on the free dofs whose static responses the basis holds, (n, n_force)."""
-    given = np.eye(model.channel_area.size) if shapes is None else shapes
-    columns = model.trace.T @ (model.channel_area[:, None] * given)
+    tractions = np.eye(model.channel_area.size) if shapes is None else shapes
+    columns = model.trace.T @ (model.channel_area[:, None] * tractions)
     # forces that prescribed motions exert through K and M
     moved = [matrix @ model.imposed_pattern for matrix in (model.stiffness, model.inertia)]
     forces: Array = model.expansion.T @ np.column_stack([columns, *moved, *(t.pattern for t in model.loads)])
@@ -246,8 +246,8 @@ def _forces(model: SubstructureModel, shapes: Array | None) -> Array:
 def _unit(columns: Array) -> Array:
     """Columns of length 1; those that are zero are left out."""
     size = np.linalg.norm(columns, axis=0)
-    kept: Array = columns[:, size > 0.0] / size[size > 0.0]
-    return kept
+    directions: Array = columns[:, size > 0.0] / size[size > 0.0]
+    return directions
 
 
 def _excitable(modes: Array, excited: Array) -> Array:
@@ -259,19 +259,19 @@ def _excitable(modes: Array, excited: Array) -> Array:
     return excitable
 
 
-def _added(static: Array, kept: Array, mass: sp.csr_array) -> Array:
+def _added(static: Array, basis: Array, mass: sp.csr_array) -> Array:
     """Mass-orthonormal vectors that static responses add to a basis, dependent ones dropped."""
-    own = np.sqrt(np.einsum("ij,ij->j", static, mass @ static))
-    if not own.any():
+    size = np.sqrt(np.einsum("ij,ij->j", static, mass @ static))
+    if not size.any():
         return static[:, :0]
-    static = static[:, own > 0.0] / own[own > 0.0]
+    static = static[:, size > 0.0] / size[size > 0.0]
     for _ in range(2):  # twice is enough for round-off
-        static = static - kept @ (kept.T @ (mass @ static))
+        static = static - basis @ (basis.T @ (mass @ static))
     values, vectors = la.eigh(static.T @ (mass @ static))
     good = values > _DEPENDENT
     added: Array = static @ (vectors[:, good] / np.sqrt(values[good]))
     if good.any():
-        added = added - kept @ (kept.T @ (mass @ added))
+        added = added - basis @ (basis.T @ (mass @ added))
         # the eigenvectors of a Gram matrix next to singular are orthonormal to a few digits only
         gram = la.cholesky(added.T @ (mass @ added), lower=True)
         added = la.solve_triangular(gram, added.T, lower=True).T

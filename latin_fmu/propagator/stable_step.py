@@ -142,13 +142,13 @@ def _lanczos(
                 total += values[e] * scaled[columns[e]]
             after[i] = inverse[i] * total - past * vectors[0, i]
             along += vectors[1, i] * after[i]
-        left = 0.0
+        norm = 0.0
         for i in range(n):
             after[i] -= along * vectors[1, i]
-            left += after[i] * after[i]
-        left = np.sqrt(left)
-        diagonal[step], beside[step] = along, left
+            norm += after[i] * after[i]
+        norm = np.sqrt(norm)
+        diagonal[step], beside[step] = along, norm
         for i in range(n):
             vectors[0, i] = vectors[1, i]
             # an invariant space: all that follows is zero
-            vectors[1, i] = after[i] / left if left > 0.0 else 0.0
+            vectors[1, i] = after[i] / norm if norm > 0.0 else 0.0

@@ -164,18 +164,18 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
         factor = factor_on(springs)
         compliance: Any = InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern)
         alone = dt * area * compliance.diagonal()
-        own = np.divide(1.0, alone, out=np.zeros_like(alone), where=alone > STILL * alone.max(initial=0.0))
+        local = np.divide(1.0, alone, out=np.zeros_like(alone), where=alone > STILL * alone.max(initial=0.0))
     else:
         whole = sp.csc_array(model.reduced_trace)
-        held = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
-        factor = CholeskyFactor(sp.csr_array(stiffness + held), dofs, rank, store=model.store)
+        support = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
+        factor = CholeskyFactor(sp.csr_array(stiffness + support), dofs, rank, store=model.store)
         # rows of T S T^T on themselves, without the springs k_0 in S
-        own = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
+        local = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
         dense = trace @ (trace @ factor.schur_inverse).T / dt
         compliance = 0.5 * (dense + dense.T)
     moves = np.diff(trace.indptr) > 0
-    own = without_round_off(np.where(moves, np.maximum(own, springs), 0.0))  # a rigid body has none of its own
-    direction = _POINTS * np.sqrt(springs * own)
+    local = without_round_off(np.where(moves, np.maximum(local, springs), 0.0))  # a rigid body has none of its own
+    direction = _POINTS * np.sqrt(springs * local)
     same = (stiffness, factor, dofs, trace, model.spread, area, springs, direction, compliance)
     return StaticOperators(*same, factor_on, model.store)
 
@@ -187,7 +187,7 @@ class StaticPropagator(Propagator):
     ----------
     members : models with equal matrices and traces. dt : length of the increments, s (``begin`` may change it).
     energy : whether to account for energies. springs : (n_channel,) stiffness per area of the body's own size, Pa m-1.
-    kept : operators of equal models, used again and added to. joined : whether this is a whole assembly
+    operators : of equal models, used again and added to. joined : whether this is a whole assembly
     (``build_joined_operators``).
 
     Attributes
@@ -203,11 +203,11 @@ class StaticPropagator(Propagator):
         dt: float,
         energy: bool,
         springs: Array,
-        kept: list[tuple[float, Any]] | None = None,
+        operators: list[tuple[float, Any]] | None = None,
         joined: bool = False,
     ) -> None:
         self._springs, self.joined = springs, joined
-        super().__init__(members, QuasiStatic(), dt, energy, kept)
+        super().__init__(members, QuasiStatic(), dt, energy, operators)
         self._spring_inverse = self.operators.factor.schur_inverse  # on the springs, until ``bind``
 
     @property
@@ -225,10 +225,10 @@ class StaticPropagator(Propagator):
         if not self._kept:
             build = build_joined_operators if self.joined else build_static_operators
             return build(self.members[0], self._springs, dt)
-        known, operators = self._kept[-1]
+        step, operators = self._kept[-1]
         assert isinstance(operators, StaticOperators)
         # velocities per force are as 1 / dt
-        return replace(operators, compliance=operators.compliance * (known / dt))
+        return replace(operators, compliance=operators.compliance * (step / dt))
 
     def internal_forces(self) -> NoReturn:
         """Refused: at t = 0 nothing acts but what is in equilibrium."""

@@ -80,10 +80,10 @@ class Vibration:
         requested = _FIRST
         while True:
             rigid, values, vectors = self.modes(min(requested, self.n))
-            kept, found = values <= limit, rigid.shape[1] + len(values)
+            band, found = values <= limit, rigid.shape[1] + len(values)
             # other than requested: all that there are
-            if not kept.all() or found != requested or requested >= self.n:
-                return (values[kept], vectors[:, kept]) if kept.sum() <= most else None
+            if not band.all() or found != requested or requested >= self.n:
+                return (values[band], vectors[:, band]) if band.sum() <= most else None
             if requested > most + rigid.shape[1]:
                 return None
             requested *= 2
@@ -107,10 +107,10 @@ class Vibration:
         x: Array = np.zeros_like(forces)
         for _ in range(_REFINEMENTS):
             # the factor is that of K + shift M: what the shift takes off is put back round by round
-            left = balanced - self.stiffness @ x
-            if np.abs(left).max(initial=0.0) <= _EXACT * largest:
+            residual = balanced - self.stiffness @ x
+            if np.abs(residual).max(initial=0.0) <= _EXACT * largest:
                 break
-            x = x + self._factor.solve(left)
+            x = x + self._factor.solve(residual)
             # rigid motions are soft with the shift: round-off along them grows by 1 / shift
             x = x - rigid @ (pulled.T @ x)
         return x

@@ -66,14 +66,14 @@ class MaxwellBranches:
 
     def modulus(self, s: complex | NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Dynamic stiffness over the static one at complex angular frequencies, i w of a harmonic motion, s-1."""
-        made: NDArray[np.complex128] = 1.0 + self.rise(s)
-        return made
+        ratio: NDArray[np.complex128] = 1.0 + self.rise(s)
+        return ratio
 
     def rise(self, s: complex | NDArray[np.complex128]) -> NDArray[np.complex128]:
         """``modulus`` less 1: the stiffness of the branches over the static one."""
         turns = np.multiply.outer(s, np.array(self.times))
-        made: NDArray[np.complex128] = np.asarray((turns / (1.0 + turns)) @ np.array(self.strengths))
-        return made
+        ratio: NDArray[np.complex128] = np.asarray((turns / (1.0 + turns)) @ np.array(self.strengths))
+        return ratio
 
 
 NO_BRANCHES = MaxwellBranches()
@@ -85,7 +85,7 @@ def joint_weights(scheme: TimeScheme, dt: float, times: Array) -> Array:
     if scheme.name == "quasi_static":
         return np.zeros((len(times), 3))
     h = 0.5 * dt / times
-    kept, moved = (1.0 - h) / (1.0 + h), 1.0 / (1.0 + h)
+    c_e, c_u = (1.0 - h) / (1.0 + h), 1.0 / (1.0 + h)
     # explicit steps have the elongation of the place at which the spring acts already
     old = 1.0 if scheme.explicit else scheme.old_weights[1]
-    return np.stack([kept, moved, (old + (1.0 - old) * kept) / moved], axis=1)
+    return np.stack([c_e, c_u, (old + (1.0 - old) * c_e) / c_u], axis=1)

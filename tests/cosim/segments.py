@@ -114,11 +114,11 @@ class Segments:
     def step(self, t: float, h: float) -> str:
         """Advance from t by h, s; why not, where a window does not converge."""
         dt = self.run.dt
-        part = self.loads.part(self.run.made, t, h, self.t0, dt)
+        part = self.loads.part(self.run.steps, t, h, self.t0, dt)
         if part.n:
             driving = self.loads.driving(part, dt, self.rule)
             with np.errstate(all="ignore"):
-                segment = self.run.advance((self.run.made + part.n) * dt, part.n, driving)
+                segment = self.run.advance((self.run.steps + part.n) * dt, part.n, driving)
             if not segment.accepted:
                 return segment.status
             self._follow(segment, dt)
@@ -127,7 +127,7 @@ class Segments:
 
     def _follow(self, segment: Segment, dt: float) -> None:
         """Outputs at the end of a segment."""
-        known: dict[str, float] = {"innerTime": self.t0 + self.run.made * dt, "solver.converged": 1.0}
+        known: dict[str, float] = {"innerTime": self.t0 + self.run.steps * dt, "solver.converged": 1.0}
         known["solver.instants"] = len(segment.time) - 1.0
         known |= {"solver.iterations": float(segment.iterations), "solver.errorIndicator": segment.error_indicator}
         for name, history in segment.interfaces.items():
