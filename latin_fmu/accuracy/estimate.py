@@ -3,7 +3,7 @@
 Mesh and time step are coarsened at one ratio: (h, dt), (2 h, 2 dt), (4 h, 4 dt), finest first; the third run only where
 it costs little beside the first (``LONG``). The same estimator gives the error of a plain run or of a session
 (``estimate_error``), that of each run in the search for a target accuracy (``adaptive_resolution``) and that of the
-reference of a study. Its factors are those of the quantities of interest (``results.quantities_of_interest``).
+reference of a study. Its factors are those of the quantities of interest (``scene.quantity_table``).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A derivative is stored as the change for a change of the parameter by its own value (by 1 where that is 0), so that it
 has the unit of its quantity. Histories are those of ``kernels.tangent_march``. Scalar quantities follow from them by
-the definitions of ``quantities_of_interest``: a central difference along the derivatives, which gives the mean peak
+the rows of ``scene.quantity_table``: a central difference along the derivatives, which gives the mean peak
 with the place of its window. The first contact is that of the implicit function of gap and velocity.
 
 The derivative is one-sided where a point is about to open, close, stick or slip. ``changing`` is the share of the area
