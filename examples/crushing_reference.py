@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 import latin_fmu
 from latin_fmu.accuracy.study import FILE, physics_of
-from latin_fmu.results.quantities_of_interest import Force
+from latin_fmu.results.interface_fields import Force
 from latin_fmu.run_quantities import Quantities, measure_solution
 
 SCENE = MODELS / "two_specimen_crushing" / "scene.toml"

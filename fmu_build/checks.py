@@ -21,9 +21,9 @@ import numpy as np
 from latin_fmu import api
 from latin_fmu.cosim.input_table import inputs_of, settable_of, with_laws
 from latin_fmu.errors import InputError, Problem, SolverError, did_you_mean, listed
-from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
 from latin_fmu.run_quantities import Quantities, measure_solution
 from latin_fmu.scene.laws import InputLaw, TimeLaw
+from latin_fmu.scene.quantity_table import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
 from latin_fmu.scene.schema import Scene
 
 from .build import build_fmu

@@ -1,22 +1,18 @@
 """Recipes of CONTRIBUTING, carried out in a copy of the sources: an interface law, friction with cohesion; outputs of
 the FMU, the shear force of an interface and the acceleration of a sensor; an input of the FMU, wind on a face; a kind
-of load, the pressure of a liquid.
+of load, the pressure of a liquid; a quantity of an interface.
 
 The kernels of the copy are plain Python, so that nothing is compiled.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from .package_copy import Edits, carry_out, copy_of
+
 LAW = '''"""Contact with friction and cohesion: |F_t| <= mu P + c where pressed."""
 
 from __future__ import annotations
@@ -98,7 +94,6 @@ class CohesiveContact(PointLaw):
     tangent = staticmethod(tangent)
     point_status = staticmethod(point_status)
 '''
-Edits = Mapping[str, Iterable[tuple[str, str]]]
 EDITS: Edits = {  # file: what stands there, what stands there then
     "latin_fmu/laws/dispatch.py": [
         (
@@ -413,29 +408,79 @@ assert "amplitude that multiplies load sea" in str([v.description for v in sessi
 """
 
 
-def carry_out(folder: Path, edits: Edits, *commands: list[str]) -> None:
-    """Edit a copy of the sources and run commands in it, its kernels as plain Python."""
-    for name, pairs in edits.items():
-        text = (folder / name).read_text()
-        for before, after in pairs:
-            assert text.count(before) == 1, (name, before)
-            text = text.replace(before, after)
-        (folder / name).write_text(text)
-    environment = {**os.environ, "PYTHONPATH": str(folder), "LATIN_FMU_COMPILE": "setup"}
-    for command in commands:
-        done = subprocess.run(
-            [sys.executable, *command], cwd=folder, env=environment, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-
-
 @pytest.fixture
 def sources(tmp_path: Path) -> Path:
     """A copy of the sources and of the tests that the recipe of a law runs."""
-    for folder in ("latin_fmu", "fmu_build", "tests/interface"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
-    shutil.copy(ROOT / "pyproject.toml", tmp_path)
-    return tmp_path
+    return copy_of(tmp_path, "fmu_build", "tests/interface")
+
+
+QUANTITY: Edits = {
+    "latin_fmu/scene/quantity_table.py": [
+        (
+            "QUANTITIES: Final[tuple[RunScalar, ...]] = (\n",
+            '''def _mean(record: Any) -> float:
+    """Mean of the normal force over the run, N."""
+    return float(record.force.impulse() / record.end)
+
+
+QUANTITIES: Final[tuple[RunScalar, ...]] = (
+    QuantityOfInterest(
+        "mean_force", "N", "mean of the normal force", INTERFACE, _mean, scale="itself", safety=1.35, alone=2.7
+    ),
+''',
+        )
+    ]
+}
+RUN_QUANTITY = """
+import numpy as np, latin_fmu
+from latin_fmu.parametric.study import sweep
+from latin_fmu.parametric.figure import study_figure
+from latin_fmu.stability.scenes import STEEL, Box, column
+
+NAME = "joint.mean_force"
+body = Box(STEEL, (0.01, 0.01, 0.01), (1, 1, 1))
+tables = column({"low": body, "up": body}, {"joint": {"friction_coefficient": 0.3}}, {"end": 8e-6, "instants": 16},
+                boundary={"base": {"type": "fixed", "face": "low.zmin"}},
+                load={"press": {"face": "up.zmax", "pressure": 1e7}},
+                output={"sensitivities": ["load.press.pressure"], "check_sensitivities": "none"},
+                spread={"load.press.pressure": "1 %"},
+                accuracy={"quantity": NAME})
+scene = latin_fmu.scene_from_dict(tables)
+solution = latin_fmu.solve(scene)
+assert solution.converged, solution.status
+joint = solution.interfaces["joint"]
+known = np.trapezoid(joint.normal_resultant(), solution.time) / scene.time.end
+assert known > 100.0
+
+def same(value):
+    return np.isclose(float(value), known, rtol=1e-12)
+
+report = solution.report()
+assert same(report["interfaces"]["joint"]["mean_force"])
+derivative = report["sensitivities"]["quantities"][NAME]
+assert same(derivative["value"]) and derivative["unit"] == "N"
+assert np.isclose(derivative["changes"]["load.press.pressure"], known, rtol=1e-3)  # linear in the pressure
+band = report["bands"]["quantities"][NAME]
+assert same(band["value"]) and np.isclose(band["deviation"], 0.01 * known, rtol=1e-3)
+solution.save("run.nc")
+tree = latin_fmu.open_results("run.nc")
+stored = tree["interfaces/joint"]["mean_force"]
+assert same(stored) and stored.attrs == {"units": "N", "long_name": "mean of the normal force"}
+assert NAME in tree["sensitivities"]["quantity"].values and NAME in tree["spread"]["quantity"].values
+estimate = latin_fmu.estimate_error(scene, solution)[NAME]
+assert same(estimate.value) and estimate.unit == "N" and 0.0 < estimate.error < 1.0
+tables = {key: table for key, table in tables.items() if key not in ("spread", "output")}
+study = sweep(latin_fmu.scene_from_dict(tables), {"load.press.pressure": [1e7, 2e7]})
+found = study["mean_force"].sel(interface="joint").values
+assert same(found[0]) and np.isclose(found[1], 2.0 * known, rtol=1e-3)
+assert study["mean_force"].attrs["long_name"] == "mean of the normal force"
+study_figure(study, ["mean_force"])
+"""
+
+
+@pytest.mark.slow
+def test_a_quantity_by_the_recipe(tmp_path: Path) -> None:
+    carry_out(copy_of(tmp_path), QUANTITY, ["-c", RUN_QUANTITY])
 
 
 @pytest.mark.slow

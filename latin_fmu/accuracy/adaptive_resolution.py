@@ -16,9 +16,9 @@ from ..errors import LatinError
 from ..latin.settings import tolerance_for
 from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FLOOR, FRICTION_WORK, PEAK_FORCE_RAW, definition_of
 from ..results.solution import Solution
 from ..run_quantities import relative
+from ..scene.quantity_table import FLOOR, definition_of
 from ..scene.readable_numbers import percent
 from ..scene.schema import Scene
 from ..scene.settings import Output
@@ -309,7 +309,7 @@ class _Search:
                 if estimate.error <= self.target and self._regular(estimate):
                     return self._chosen(factor, estimate)
             if self._stagnates():
-                raw = definition_of(estimate.quantity) is PEAK_FORCE_RAW
+                raw = definition_of(estimate.quantity).unlimited
                 remedy = "; take peak_force, a mean over a stated time" if raw else ""
                 what = f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
                 return self._refused(what + remedy)
@@ -398,7 +398,7 @@ class _Search:
         the next, and estimated errors can be half the true ones: it is promised where its changes decrease at an
         observed order of at least half the expected one.
         """
-        if definition_of(estimate.quantity) is not FRICTION_WORK:
+        if not definition_of(estimate.quantity).steady:
             return True
         regular = not estimate.bound_only and estimate.order >= 0.5 * estimate.expected_order
         if not regular:

@@ -3,7 +3,7 @@
 Mesh and time step are coarsened at one ratio: (h, dt), (2 h, 2 dt), (4 h, 4 dt), finest first; the third run only where
 it costs little beside the first (``LONG``). The same estimator gives the error of a plain run or of a session
 (``estimate_error``), that of each run in the search for a target accuracy (``adaptive_resolution``) and that of the
-reference of a study. Its factors are those of the quantities of interest (``results.quantities_of_interest``).
+reference of a study. Its factors are those of the quantities of interest (``scene.quantity_table``).
 """
 
 from __future__ import annotations
@@ -22,22 +22,13 @@ from ..errors import LatinError
 from ..latin.outcome import Array
 from ..latin.processes import Processes
 from ..results.estimates import MOST_OF_HISTORY, ErrorEstimate, QuantityEstimate, TruncationError
-from ..results.quantities_of_interest import (
-    DISPLACEMENT,
-    FIRST_CONTACT,
-    FORCE_RMS,
-    FRICTION_WORK,
-    PEAK_FORCE,
-    SEPARATION,
-    VELOCITY_RMS,
-    QuantityOfInterest,
-    definition_of,
-)
+from ..results.owner_records import Signal
 from ..results.solution import Solution
 from ..results.spectra import spectrum_error
-from ..run_quantities import ELEMENTS_PER_WAVE, Quantities, Signal, measure_solution, relative, resolved_frequency
+from ..run_quantities import ELEMENTS_PER_WAVE, Quantities, measure_solution, relative, resolved_frequency
 from ..scene.boundaries import AXES
 from ..scene.fields import split_face
+from ..scene.quantity_table import VELOCITY_RMS, QuantityOfInterest, definition_of
 from ..scene.schema import Scene
 from .runs import (
     FEWEST_STEPS,
@@ -71,8 +62,6 @@ less, a quarter where the mesh is from a file that is not refined."""
 SHORTEST_MEAN: Final = 1.4
 """Least duration of a mean that is a peak force, over the time a wave needs to cross an element beside the
 interface."""
-RESTS_ON_FORCE: Final = (FRICTION_WORK, SEPARATION)
-"""Quantities that are no more certain than the history of the force is, however alike two runs have them."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +170,7 @@ def same_way(quantity: str, fine: Quantities, half: Quantities, quarter: Quantit
     definition = definition_of(quantity)
     if definition.norm or quantity not in half.values or quantity not in quarter.values:
         return True
-    if definition is DISPLACEMENT:
+    if definition.distance == "vector":
         last, before = fine.vectors[owner] - half.vectors[owner], half.vectors[owner] - quarter.vectors[owner]
         return float(last @ before) > 0.0
     values = [run.value(quantity, fine) for run in (fine, half, quarter)]
@@ -252,7 +241,7 @@ def quantity_estimate(
         ratios = ratios[0], at.time / at_last.time
         quarter, one_way = relative(quantity, fine, half, coarsest), same_way(quantity, fine, half, coarsest)
     # the error of sampled loads is one of impulses; instants do not follow from their size
-    if definition in (FIRST_CONTACT, SEPARATION):
+    if definition.instant:
         sampling = 0.0
     history = f"{owner}.{definition.of}"
     beside = relative(history, fine, fine, half) if history in fine.values else 0.0
@@ -269,12 +258,12 @@ def quantity_estimate(
         iteration=definition.iteration * scene.solver.tolerance,
     )
     error, bound_only = estimated_error(definition, changes)
-    if definition is PEAK_FORCE and not scene.time.quasi_static:
+    if definition.mean and definition.norm and not scene.time.quasi_static:
         shortest = SHORTEST_MEAN * element_transit(scene, fine.sides[owner], fine.spacings[owner])
         error = error if fine.durations[owner] >= shortest else math.inf
     order, base = expected_order(definition, changes), 0.0
-    if definition in RESTS_ON_FORCE:
-        history = f"{owner}.{FORCE_RMS.key}"
+    if definition.rests:
+        history = f"{owner}.{definition.rests}"
         base = quantity_estimate(scene, history, runs, sampling, changes.front).error
         # two runs may agree on a number whose histories have nothing in common
         error = error if base <= MOST_OF_HISTORY else math.inf

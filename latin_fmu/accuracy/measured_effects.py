@@ -23,11 +23,12 @@ from ..effects.scene_effects import scene_with
 from ..errors import InputError, LatinError
 from ..interface.laws import SEPARATION, SLIP
 from ..latin.outcome import InterfaceHistory
-from ..results.quantities_of_interest import ACCELERATION_PEAK
+from ..results.owner_records import Signal
 from ..results.solution import Solution
-from ..run_quantities import Signal, measure_solution
+from ..run_quantities import measure_solution
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
+from ..scene.quantity_table import ACCELERATION_PEAK
 from ..scene.readable_numbers import aligned
 from ..scene.schema import Scene, with_settings
 from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_factor, message_of

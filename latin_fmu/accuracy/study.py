@@ -23,10 +23,11 @@ from ..api import solve
 from ..errors import LatinError, Problem, SceneError
 from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FLOOR, Force
+from ..results.interface_fields import Force
 from ..results.solution import Solution
 from ..run_quantities import Quantities, measure_solution, of_force, relative
 from ..scene.describe import tables_in, tag_of
+from ..scene.quantity_table import FLOOR
 from ..scene.readable_numbers import aligned as columns
 from ..scene.readable_numbers import percent
 from ..scene.schema import Scene

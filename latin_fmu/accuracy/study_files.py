@@ -12,7 +12,7 @@ import xarray as xr
 from ..machine import provenance
 from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import CONVENTIONS
-from ..results.quantities_of_interest import FLOOR, FORCE_RMS, QUANTITIES_OF_INTEREST, definition_of
+from ..scene.quantity_table import FLOOR, FORCE_RMS, QUANTITIES_OF_INTEREST, definition_of
 from ..scene.readable_numbers import percent
 from .adaptive_resolution import is_target
 from .study import TARGETS, TIGHT, TOGETHER, TOLERANCE, Study, cheapest, sources, useful_tolerances

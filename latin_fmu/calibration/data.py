@@ -35,7 +35,8 @@ from ..building import discretise
 from ..errors import InputError, Problem, Problems, did_you_mean, listed
 from ..latin.outcome import Array
 from ..results.quantities import AXES, FILTERED, SENSOR
-from ..results.quantities_of_interest import (
+from ..scene.number_files import table_cells
+from ..scene.quantity_table import (
     ACCELERATION_PEAK,
     ACCELERATION_UNFILTERED,
     DISPLACEMENT,
@@ -50,7 +51,6 @@ from ..results.quantities_of_interest import (
     VELOCITY_UNFILTERED,
     QuantityOfInterest,
 )
-from ..scene.number_files import table_cells
 from ..scene.schema import Scene
 from ..scene.sensors import highest_frequency
 from ..scene.unit_texts import names_for, unit_size

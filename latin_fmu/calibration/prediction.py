@@ -22,8 +22,8 @@ from ..errors import InputError, SceneError, SolverError
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory
 from ..modal.backbone import backbone
 from ..modal.modes import vibration_modes
+from ..results.filters import low_pass, uniform_step
 from ..results.sensitivities import MANY, Sensitivities, in_words
-from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
 from ..results.spectra import LINES, ShockSpectrum, shock_response_spectrum, spectrum_changes
 from ..scene.schema import Scene

@@ -29,10 +29,10 @@ from ..accuracy.runs import message_of
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..results.estimates import ErrorEstimate
+from ..results.groups import finite
 from ..results.sensitivities import PART, in_words
 from ..results.sentences import wrapped
 from ..results.solution import Solution
-from ..results.summary import finite
 from ..scene.describe import unit_at
 from ..scene.overrides import text_with_numbers
 from ..scene.readable_numbers import aligned, readable

@@ -44,7 +44,7 @@ from ..latin.status import Account
 from ..propagator import SubstructureModel
 from ..propagator.base import full_displacement
 from ..remarks import Remark, remarks_of
-from ..results.quantities_of_interest import slip_in_contact
+from ..results.interface_fields import slip_in_contact
 from ..scene.readable_numbers import percent, readable
 from ..scene.units import SI, UnitSystem
 

@@ -566,7 +566,7 @@ def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:
     ------
     InputError : no acceleration, steps of unequal length, frequencies beyond Nyquist's.
     """
-    from ..results.sensors import uniform_step
+    from ..results.filters import uniform_step
     from ..results.spectra import LINES, shock_response_spectrum
     from ..scene.sensors import spectrum_problems
 

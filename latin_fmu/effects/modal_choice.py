@@ -27,10 +27,10 @@ from ..joined.tied_assembly import Joints, TieError
 from ..latin.outcome import InterfaceHistory, Outcome
 from ..machine import memory_room, one_thread
 from ..results.estimates import TruncationError
-from ..results.quantities_of_interest import FRICTION_WORK, PEAK_FORCE_RAW, SPECTRUM, definition_of
 from ..results.solution import Solution
 from ..run_quantities import measure_solution, relative
 from ..scene.fields import split_face
+from ..scene.quantity_table import definition_of
 from ..scene.schema import Scene
 from ..scene.settings import AutomaticPropagator, AutomaticScheme, ModalPropagatorTable
 
@@ -107,11 +107,11 @@ def truncation_of(
 def truncation_error(scene: Scene, fine: Outcome, coarse: Outcome) -> TruncationError:
     """Error of a march by modes, from one in longer steps with fewer modes (module docstring)."""
     first, second = (measure_solution(scene, solution_of(scene, outcome)) for outcome in (fine, coarse))
-    asked = [q for q in first.values if definition_of(q) is not PEAK_FORCE_RAW]
-    errors = {q: _error(relative(q, first, first, second), definition_of(q) is SPECTRUM) for q in asked}
+    asked = [q for q in first.values if not definition_of(q).unlimited]
+    errors = {q: _error(relative(q, first, first, second), definition_of(q).distance == "spectrum") for q in asked}
     share = _work_of_errors(fine)
     for quantity in asked:
-        if definition_of(quantity) is FRICTION_WORK:
+        if definition_of(quantity).unit == "J":
             errors[quantity] += share
     return TruncationError(errors, coarse)
 

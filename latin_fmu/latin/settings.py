@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
+from ..scene.quantity_table import ITERATION_ERROR
+
 ITERATION_SHARE: Final = 0.1
 """Share of the error that the iteration may cause; mesh and time step cause the rest."""
-
-ITERATION_ERROR: Final = 0.5
-"""Relative error of an impulse due to the iteration, over the tolerance on sqrt(eta): the largest of eight scenes at
-two resolutions, tolerances 1e-1 to 1e-4. Instants less, friction work up to 2 (table in ``results``)."""
 
 _DIGITS = 12  # a tolerance that is converted to an accuracy and back stays the same to the last bit
 

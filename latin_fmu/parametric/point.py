@@ -34,33 +34,19 @@ from .. import api
 from ..accuracy.runs import message_of
 from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
-from ..latin.outcome import Array, InterfaceHistory
+from ..latin.outcome import Array
 from ..reader import scene_from_dict
 from ..results.groups import plain_name
-from ..results.quantities_of_interest import (
-    ACCELERATION_UNFILTERED,
-    DISPLACEMENT,
-    DISPLACEMENT_PEAK,
-    LARGEST_BOLT_FORCE,
-    LARGEST_SLIP,
-    LAST_BOLT_FORCE,
-    QUANTITIES_OF_INTEREST,
-    VELOCITY_UNFILTERED,
-    InterfaceFields,
-    RunScalar,
-    first_contact_time,
-    largest_slip_share,
-    slip_in_contact,
-)
-from ..results.sensitivities import bolt_scalars, scalars_of, sensor_scalars
+from ..results.owner_records import BoltRecord, InterfaceRecord, SensorRecord
+from ..results.sensitivities import scalars_of
 from ..results.solution import Solution
 from ..results.spread import linear_results, results_in, spectrum_groups
-from ..run_quantities import measure
 from ..scene.describe import unit_at
 from ..scene.overrides import parse_value
+from ..scene.quantity_table import BOLT, BOUNDARY, INTERFACE, RUN, SENSOR, values_of
+from ..scene.quantity_table import QUANTITIES as ROWS
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value, with_settings
-from ..scene.settings import QUANTITY_OWNERS
 from ..scene.unit_texts import si_unit, unit_size, value_and_unit
 from ..scene.unit_values import value_in_scene_units
 from ..scene.units import system_named
@@ -400,27 +386,9 @@ class Quantity:
     long_name: str
 
 
-def _named(of: RunScalar, owner: str) -> Quantity:
-    """A scalar of a run as a variable."""
-    return Quantity(of.key, owner, of.unit, of.long_name)
-
-
-_OF_INTERFACE: Final = tuple(
-    _named(q, "interface") for q in QUANTITIES_OF_INTEREST if QUANTITY_OWNERS[q.key] == "interface"
-)
 QUANTITIES: Final = (
-    *_OF_INTERFACE,
-    _named(LARGEST_SLIP, "interface"),
-    Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
-    *(_named(of, "sensor") for of in (DISPLACEMENT, DISPLACEMENT_PEAK, VELOCITY_UNFILTERED, ACCELERATION_UNFILTERED)),
-    Quantity("peak_reaction", "boundary", "N", "largest force of a support on its body"),
-    *(_named(of, "bolt") for of in (LAST_BOLT_FORCE, LARGEST_BOLT_FORCE)),
+    *(Quantity(q.key, "" if q.owner == RUN else q.owner, q.unit, q.long_name) for q in ROWS if q.study is not None),
     Quantity("energy", "energy_term", "J", "term of the energy balance at the end"),
-    Quantity("penetration", "", "m", "largest penetration of all interfaces"),
-    Quantity("iterations", "", "1", "iterations of all windows"),
-    Quantity("passes", "", "1", "substructure-instants solved over substructures x instants"),
-    Quantity("error_indicator", "", "1", "sqrt(eta) at the end of the windows, largest"),
-    Quantity("cpu_set_up", "", "s", "CPU time of meshes, matrices, factors and tables"),
     Quantity("cpu", "", "s", "CPU time of the run"),
     Quantity("guessed", "", "1", "whether windows began with fields of neighbouring points"),
 )
@@ -517,51 +485,28 @@ def solve_point(plan: str, point: Index) -> Record:
 
 
 def quantities_of(scene: Scene, solution: Solution) -> Record:
-    """Quantities of a run by name; of its parts by name of the part, where it reached its end."""
+    """Quantities of a run by name; of its parts by name of the part, where it reached its end.
+
+    Times of a contact that never closes are left out, and slip unless the whole history is kept.
+    """
     outcome = solution.outcome
-    numbers = {
-        "iterations": float(sum(window.iterations for window in solution.windows)),
-        "passes": solution.passes,
-        "error_indicator": solution.error_indicator,
-        "cpu_set_up": solution.timings.setup,
-    }
+    numbers = values_of("study", RUN, outcome)
     if not solution.complete:
         return numbers
+    time, end, whole = outcome.interface_time, scene.time.end, outcome.interfaces_every == 1
+    records = [
+        *((INTERFACE, name, InterfaceRecord.of(h, time, end, whole)) for name, h in solution.interfaces.items()),
+        *((SENSOR, name, SensorRecord.of(h, solution.time)) for name, h in solution.sensors.items()),
+        *((BOUNDARY, name, reaction) for name, reaction in solution.reactions.items()),
+        *((BOLT, name, BoltRecord.of(bolt, solution.time)) for name, bolt in solution.bolts.items()),
+    ]
     values: dict[str, dict[str, float]] = {}
-    time = outcome.interface_time
-    for name, history in solution.interfaces.items():
-        for key, value in _of_interface(scene, history, time, outcome.interfaces_every == 1).items():
-            values.setdefault(key, {})[name] = value
-    for name, sensor in solution.sensors.items():
-        for key, number in sensor_scalars(sensor).items():
-            if number is not None:
-                values.setdefault(key, {})[name] = number
-    for name, reaction in solution.reactions.items():
-        values.setdefault("peak_reaction", {})[name] = _largest(reaction.force)
-    for name, bolt in solution.bolts.items():
-        for key, value in bolt_scalars(bolt).items():
+    for kind, name, record in records:
+        for key, value in values_of("study", kind, record).items():
             values.setdefault(key, {})[name] = value
     if solution.energy is not None:
         values["energy"] = {term: float(history[-1]) for term, history in solution.energy.items()}
-    return {**values, **numbers, "penetration": outcome.penetration()}
-
-
-def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: bool) -> dict[str, float]:
-    """Quantities of one interface; times of a contact that never closes are left out, and slip unless its ``whole``
-    history is kept."""
-    measured = measure(time, {history.name: history}, scene.time.end).values
-    values = {key.rpartition(".")[2]: value for key, value in measured.items()}
-    fields = InterfaceFields.of_history(history, time)
-    # a contact that never closes: its instants would be those of the end
-    if first_contact_time(fields) is None:
-        values.pop("first_contact", None)
-        values.pop("separation", None)
-    if history.contact_status is not None:
-        values["slip_share"] = largest_slip_share(fields) or 0.0
-        values.setdefault("friction_work", 0.0)
-    if history.contact_status is not None and whole:
-        values[LARGEST_SLIP.key] = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max(initial=0.0))
-    return values
+    return {**values, **numbers}
 
 
 def histories_of(solution: Solution) -> Record:
@@ -577,10 +522,6 @@ def sample_of(scene: Scene, solution: Solution) -> Record:
     groups = linear_results(outcome, outcome.time, scene.sensor) | spectrum_groups(solution.spectra)
     results = {path: results_in(group) for path, group in groups.items()}
     return {"scalars": scalars_of(outcome, solution.spectra), "results": results}
-
-
-def _largest(vectors: Array) -> float:
-    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 
 
 @dataclass

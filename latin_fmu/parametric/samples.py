@@ -22,13 +22,12 @@ from ..latin.outcome import Array
 from ..reader import scene_from_dict
 from ..results.dataset import datatree
 from ..results.files import write_groups
-from ..results.groups import StoredGroup, StoredVariable, in_units
-from ..results.quantities_of_interest import in_words
+from ..results.groups import StoredGroup, StoredVariable, finite, in_units
 from ..results.sensitivities import DOUBT
 from ..results.sentences import named_lines
 from ..results.solution import Solution
 from ..results.spread import PATH, SAMPLED, Bands, ResultBand, ends_of
-from ..results.summary import finite
+from ..scene.quantity_table import in_words
 from ..scene.readable_numbers import percent, readable
 from ..scene.schema import Scene
 from ..scene.spread import Distribution

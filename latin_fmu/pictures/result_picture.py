@@ -15,7 +15,7 @@ import xarray as xr
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..fem.mesh import Array, Mesh, cell_blocks, nearest
 from ..results.groups import datasets_of, unit_of, units_of
-from ..results.quantities_of_interest import InterfaceFields, normal_resultant
+from ..results.interface_fields import InterfaceFields, normal_resultant
 from ..results.writing import write_whole
 from ..scene.readable_numbers import prefix_for, readable
 from .frame import Skin, View, axes_with_units, draw, skin_of, zoom

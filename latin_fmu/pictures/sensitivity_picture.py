@@ -11,9 +11,9 @@ import xarray as xr
 from ..errors import Problem, ResultsError
 from ..latin.outcome import Array
 from ..results.groups import datasets_of, unit_of
-from ..results.quantities_of_interest import in_words as quantity_in_words
 from ..results.sensitivities import CHECKED, MANY, PART, in_words
 from ..results.spread import SAMPLED
+from ..scene.quantity_table import in_words as quantity_in_words
 from ..scene.readable_numbers import prefix_for
 from .style import BAD, DISTINCT, TimeAxis, styled
 

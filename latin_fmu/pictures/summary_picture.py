@@ -14,15 +14,11 @@ import xarray as xr
 from ..latin.outcome import Array
 from ..results.dataset import has_friction
 from ..results.groups import datasets_of, unit_of
-from ..results.quantities_of_interest import (
-    PEAK_FORCE,
-    InterfaceFields,
-    friction_resultant,
-    normal_resultant,
-    status_shares,
-)
+from ..results.interface_fields import InterfaceFields, friction_resultant, normal_resultant, status_shares
+from ..results.owner_records import InterfaceRecord
 from ..results.sensors import loss_text, share_lost
 from ..results.spectra import ShockSpectrum, stored_spectra
+from ..scene.quantity_table import PEAK_FORCE
 from ..scene.readable_numbers import percent, prefix_for, readable
 from ..scene.units import SI, UnitSystem
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
@@ -287,7 +283,8 @@ def _errors(tree: xr.DataTree) -> dict[str, float]:
 
 def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, errors: Mapping[str, float]) -> str:
     """Name of an interface with its peak force, the estimated error of that, and the duration of that mean."""
-    peak, duration, _ = fields.peaks
+    record = InterfaceRecord.of_fields(fields)
+    peak, duration = PEAK_FORCE.value(record) or 0.0, record.duration
     size, label = prefix_for(peak, unit, figure=True)
     error = errors.get(f"{name}.{PEAK_FORCE.key}", np.nan)
     known = f" ± {percent(error)}" if np.isfinite(error) else ""

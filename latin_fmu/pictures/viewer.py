@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..fem.mesh import Array, Index, Mesh, cell_blocks, nearest
 from ..results.groups import datasets_of, unit_of, units_of
-from ..results.quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
+from ..results.interface_fields import InterfaceFields, friction_resultant, normal_resultant
 from ..scene.readable_numbers import prefix_for
 from .frame import sharp_edges, shifts_apart, skin_of
 from .result_picture import Window, magnification, stored_bodies, stored_instants

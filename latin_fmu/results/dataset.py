@@ -26,7 +26,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -35,9 +35,13 @@ import numpy as np
 from ..fem.elements import Recovery, principal
 from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.status import WindowList
+from ..scene.quantity_table import INTERFACE as OF_INTERFACE
+from ..scene.quantity_table import PEAK_FORCE, RUN_SCALARS, QuantityOfInterest
 from ..scene.sensors import Sensor
 from .files import write_groups
 from .groups import StoredGroup, describe_mesh, root_attributes
+from .interface_fields import Force, InterfaceFields, normal_resultant, slip_in_contact
+from .owner_records import InterfaceRecord, stored_rows, stored_scalars
 from .quantities import (
     AXES,
     CONVERGENCE,
@@ -58,7 +62,6 @@ from .quantities import (
     columns,
     named,
 )
-from .quantities_of_interest import Force, InterfaceFields, normal_resultant, slip_in_contact
 from .sensors import bolt_groups, reaction_groups, sensor_groups
 
 if TYPE_CHECKING:
@@ -191,17 +194,13 @@ def interface_group(
 ) -> StoredGroup:
     """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface; ``surfaces``: with pressure
     and, where they are known, the sums over time at the points (``_ways``)."""
-    peak, duration, raw = InterfaceFields.of_history(history, time).peaks
-    made = {
-        "impulse": history.impulse(time),
-        "peak_force": peak,
-        "peak_force_raw": raw,
-        "pressure": history.pressure() if surfaces else None,
-        "error_indicator": indicator,
-    }
+    record = InterfaceRecord.of(history, time)
+    summed = named(INTERFACE_MADE, {"impulse": history.impulse(time)})
+    made = {"pressure": history.pressure() if surfaces else None, "error_indicator": indicator}
     if ways is not None:
         made |= {**ways, "slip": np.linalg.norm(ways["slip"], axis=2)}
-    stored = [*columns(INTERFACE, history), *named(INTERFACE_MADE, made)]
+    scalars = stored_scalars(OF_INTERFACE, record)
+    stored = [*columns(INTERFACE, history), *summed, *scalars, *named(INTERFACE_MADE, made)]
     along = [*named(LABELS, {"time": time, "side": SIDES, "component": AXES}), *columns(POINTS, history)]
     attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
@@ -213,7 +212,7 @@ def interface_group(
         stored += columns(SURFACE, history)
         along += named(PLANE, dict(zip(PLANE, _in_plane(history).T, strict=True)))
     group = StoredGroup.of(stored, along, attrs)
-    group.variables["peak_force"].attrs["peak_duration"] = duration
+    group.variables[PEAK_FORCE.key].attrs["peak_duration"] = record.duration
     if meshed:
         _describe_surface(group)
     return group
@@ -258,11 +257,12 @@ def _describe_surface(group: StoredGroup) -> None:
 
 
 def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[str, StoredGroup]]:
-    """Groups of the interfaces by path, block by block of the instants of the stream of a run; peak forces follow from
-    all instants and come with the last block."""
+    """Groups of the interfaces by path, block by block of the instants of the stream of a run; scalars follow from the
+    forces of all instants and come with the last block."""
     stream = outcome.stream
     assert stream is not None
     run_time = outcome.time[:: stream.every]
+    end = float(run_time[-1])
     pushed = {name: np.zeros(len(run_time)) for name in outcome.interfaces}
     impulse = dict.fromkeys(pushed, np.zeros(3))
     reached: dict[str, dict[str, Array]] = {name: {} for name in pushed}
@@ -283,22 +283,26 @@ def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[
                 if first and variable.dims[:1] == ("time",):
                     variable.values = variable.values[1:]
             if last == len(run_time):
-                _set_peaks(group, Force(run_time, pushed[name]), history.peak_duration)
+                _set_scalars(group, InterfaceRecord(Force(run_time, pushed[name]), end, history.peak_duration))
             groups[f"/interfaces/{name}"] = group
         yield groups
 
 
-def _set_peaks(group: StoredGroup, force: Force, requested: float | None) -> None:
-    """Put the peak forces of the whole run in the group of an interface; the largest mean of a very long run follows
-    from some of its instants, for it takes much memory."""
+def _set_scalars(group: StoredGroup, record: InterfaceRecord) -> None:
+    """Put the scalars of the whole run in the group of an interface; a largest mean of a very long run follows from
+    some of its instants, for it takes much memory."""
     # rounded up
-    every = -(-len(force.time) // _PEAK)
-    peak, duration, _ = Force(force.time[::every], force.value[::every]).peaks(requested)
-    mean, raw = group.variables["peak_force"], group.variables["peak_force_raw"]
-    mean.values, raw.values = np.array(peak), np.array(force.raw_peak())
-    mean.attrs["peak_duration"] = duration
-    if every > 1:
-        mean.attrs["instants"] = f"every {every}th one"
+    every = -(-len(record.force.time) // _PEAK)
+    thinned = replace(record, force=Force(record.force.time[::every], record.force.value[::every]))
+    for key in stored_rows(OF_INTERFACE).keys() & group.variables.keys():
+        row = RUN_SCALARS[key]
+        mean = isinstance(row, QuantityOfInterest) and row.mean
+        # what needs the points is not known of all instants together
+        value = None if row.points else row.value(thinned if mean else record)
+        group.variables[key].values = np.array(np.nan if value is None else value)
+        if mean and every > 1:
+            group.variables[key].attrs["instants"] = f"every {every}th one"
+    group.variables[PEAK_FORCE.key].attrs["peak_duration"] = thinned.duration
 
 
 def result_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[str, StoredGroup]]:

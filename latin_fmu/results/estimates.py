@@ -11,12 +11,11 @@ from typing import Any, Final
 import numpy as np
 
 from ..latin.outcome import Array, Outcome
+from ..scene.quantity_table import FLOOR, definition_of
 from ..scene.readable_numbers import aligned, percent, readable
 from ..scene.units import SI, UnitSystem
-from .groups import StoredGroup
-from .quantities import rows
-from .quantities_of_interest import FLOOR, ByQuantity, definition_of
-from .summary import finite
+from .groups import StoredGroup, finite
+from .quantities import ByQuantity, rows
 
 MOST_OF_HISTORY: Final = 1.0
 """Relative error of the history of a force beyond which what rests on it has no error."""

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ..errors import InputError, Problem
 from ..scene.unit_texts import GRAVITY
 from ..scene.units import UnitSystem
+from .filters import uniform_step
 from .groups import units_of
 from .quantities import AXES
-from .sensors import uniform_step
 from .spectra import RESPONSES, ShockSpectrum, stored_spectra
 
 if TYPE_CHECKING:

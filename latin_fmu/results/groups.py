@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -85,6 +86,11 @@ class StoredGroup:
         for variable in self.variables.values():
             sizes.update(zip(variable.dims, variable.values.shape, strict=True))
         return sizes
+
+
+def finite(value: float | None) -> float | None:
+    """A number for strict JSON: None in the place of one that is not finite."""
+    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _plain(values: NDArray[Any]) -> Any:

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
-from typing import Any, Final
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -43,6 +44,33 @@ class StoredQuantity:
             flags = np.arange(len(self.words.split()), dtype=np.int8)
             pairs |= {"flag_values": flags, "flag_meanings": self.words}
         return {key: value for key, value in pairs.items() if value is not None}
+
+
+class Named(Protocol):
+    """An entry of one quantity."""
+
+    @property
+    def quantity(self) -> str:
+        """Its name, ``owner.key``."""
+        ...
+
+
+Of = TypeVar("Of", bound=Named)
+
+
+class ByQuantity(Generic[Of]):
+    """Base of results with an entry of type ``Of`` for each quantity: ``made["crush.impulse"]``."""
+
+    quantities: Sequence[Of]
+
+    @cached_property
+    def by_quantity(self) -> dict[str, Of]:
+        """Entries by the name of their quantity."""
+        return {of.quantity: of for of in self.quantities}
+
+    def __getitem__(self, quantity: str) -> Of:
+        """Entry of one quantity (KeyError where there is none)."""
+        return self.by_quantity[quantity]
 
 
 Columns = Sequence[tuple[StoredQuantity, Any]]
@@ -151,8 +179,6 @@ INTERFACE: Final = rows(
 INTERFACE_MADE: Final = rows(
     """
     impulse         | N s | time component | force integrated over time since the start of the run
-    peak_force | N | | largest mean of the normal resultant over the time of the attribute peak_duration (s)
-    peak_force_raw  | N   |                | largest normal resultant of all instants | has no limit where bodies land
     pressure        | Pa  | time point     | normal pressure, positive in compression | local-stage field
     slip | m | time point | distance that side Ep has moved along the face of E while in contact, from the start
     accumulated_slip | m | time point | length of the way of side Ep along the face of E while it slides, from the start

@@ -2,7 +2,7 @@
 
 A derivative is stored as the change for a change of the parameter by its own value (by 1 where that is 0), so that it
 has the unit of its quantity. Histories are those of ``kernels.tangent_march``. Scalar quantities follow from them by
-the definitions of ``quantities_of_interest``: a central difference along the derivatives, which gives the mean peak
+the rows of ``scene.quantity_table``: a central difference along the derivatives, which gives the mean peak
 with the place of its window. The first contact is that of the implicit function of gap and velocity.
 
 The derivative is one-sided where a point is about to open, close, stick or slip. ``changing`` is the share of the area
@@ -28,7 +28,7 @@ further from it than ``APART`` of the secant and ``NOTHING`` of the value.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Final
@@ -38,40 +38,15 @@ from numpy.typing import NDArray
 
 from ..interface.laws import SEPARATION, SLIP, STICK
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
+from ..scene.quantity_table import BOLT, ENERGY, INTERFACE, SENSOR, Doubt, EntryOf, RunScalar, rows_of, values_of
+from ..scene.quantity_table import in_words as quantity_in_words
 from ..scene.units import SI, UnitSystem
-from .groups import StoredGroup
-from .quantities import AXES, LABELS, SPECTRUM, named, rows
-from .quantities_of_interest import (
-    ACCELERATION_UNFILTERED,
-    CONTACT_SHARE,
-    DISPLACEMENT,
-    DISPLACEMENT_PEAK,
-    FIRST_CONTACT,
-    FRICTION_ENERGY,
-    FRICTION_WORK,
-    IMPULSE,
-    LARGEST_BOLT_FORCE,
-    LARGEST_FORCE,
-    LARGEST_SLIP,
-    LAST_BOLT_FORCE,
-    PEAK_FORCE,
-    RUN_SCALARS,
-    SLIP_DISTANCE,
-    SPECTRUM_PEAK,
-    VELOCITY_UNFILTERED,
-    ByQuantity,
-    Force,
-    InterfaceFields,
-    first_contact_time,
-    normal_resultant,
-    separation_time,
-    slip_in_contact,
-)
-from .quantities_of_interest import SEPARATION as SEPARATION_INSTANT
-from .quantities_of_interest import in_words as quantity_in_words
+from .groups import StoredGroup, finite
+from .interface_fields import CONTACT_SHARE
+from .owner_records import BoltRecord, InterfaceRecord, SensorRecord
+from .quantities import AXES, LABELS, SPECTRUM, ByQuantity, named, rows
 from .sentences import named_lines
 from .spectra import RESPONSES, ShockSpectrum, spectrum_changes
-from .summary import finite
 
 WITHIN: Final = 0.01
 """Change of a parameter, over its value, within which a state that would change counts as changing."""
@@ -92,6 +67,7 @@ _STEP: Final = 1e-6
 """Change of a parameter, over its value, in the differences of scalar quantities."""
 CHECKED: Final = 0.05
 """Change of a parameter, over its value, in the run that checks derivatives."""
+_ENDS: Final = (_STEP, -_STEP, CHECKED)
 APART, NOTHING = 0.1, 0.01
 """Share of the secant and of the value of a quantity within which a derivative agrees with it."""
 PART: Final = 0.1
@@ -100,8 +76,6 @@ _SAID, _SMALL = 3, 1e-3
 DOUBT: Final = " (uncertain: contact states or instants of peaks change)"
 """Behind a flagged quantity: its derivative does not hold for large changes."""
 _AXES: Final = {"0": "x", "1": "y", "2": "z"}
-ENERGY_OWNER: Final = "energy"
-"""Owner of the terms of the energies of the assembly."""
 
 
 def in_words(parameter: str) -> str:
@@ -372,62 +346,26 @@ def _moved(history: InterfaceHistory, change: InterfaceHistory, by: float) -> In
     return replace(history, traction=traction, velocity=velocity, gap=gap)
 
 
-def interface_scalars(history: InterfaceHistory, time: Array) -> dict[str, float | None]:
-    """Scalars of an interface by key."""
-    fields = InterfaceFields.of_history(history, time)
-    normal = normal_resultant(fields)
-    made: dict[str, float | None] = {IMPULSE.key: float(np.sum(np.diff(time) * 0.5 * (normal[1:] + normal[:-1])))}
-    if history.quasi_static:
-        made = {}
-    made[PEAK_FORCE.key] = Force(time, normal).peaks(history.peak_duration)[0]
-    if history.contact_status is not None and not history.quasi_static:
-        made |= {FIRST_CONTACT.key: first_contact_time(fields), SEPARATION_INSTANT.key: separation_time(fields)}
-    if history.has_friction:
-        made[FRICTION_WORK.key] = float(history.slid(time)[1][-1] @ history.areas)
-        slid = np.linalg.norm(slip_in_contact(history, time), axis=2)
-        made[SLIP_DISTANCE.key] = float(slid[-1] @ history.areas / history.areas.sum())
-        made[LARGEST_SLIP.key] = float(slid.max())
-    if history.contact_status is None:
-        made[LARGEST_FORCE.key] = float(np.linalg.norm(history.force(), axis=1).max())
-    return made
-
-
-def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
-    """Scalars of a sensor by key."""
-    size = [None if v is None else np.linalg.norm(v, axis=1) for v in (history.displacement, history.velocity)]
-    made: dict[str, float | None] = {
-        DISPLACEMENT.key: None if size[0] is None else float(size[0][-1]),
-        DISPLACEMENT_PEAK.key: None if size[0] is None else float(size[0].max()),
-    }
-    if history.acceleration is not None:
-        made[VELOCITY_UNFILTERED.key] = None if size[1] is None else float(size[1].max())
-        made[ACCELERATION_UNFILTERED.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
-    return made
-
-
-def bolt_scalars(bolt: BoltHistory) -> dict[str, float]:
-    """Scalars of a bolt by key."""
-    return {LARGEST_BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE.key: float(bolt.force[-1])}
-
-
 def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
-    """Scalar quantities of a run, ``owner.key``, those that it has; ``spectra`` : of its sensors."""
-    owned: list[tuple[str, Mapping[str, float | None]]] = [
-        *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
-        *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
-        *((name, {SPECTRUM_PEAK.key: float(s.acceleration[0].max())}) for name, s in spectra.items()),
+    """Scalar quantities of a run that has derivatives, ``owner.key``, those that it has; ``spectra`` : of its
+    sensors."""
+    time = outcome.time
+    records: list[tuple[str, str, Any]] = [
+        *((INTERFACE, name, InterfaceRecord.of(h, time)) for name, h in outcome.interfaces.items()),
+        *((SENSOR, name, SensorRecord.of(h, time, spectrum=spectra.get(name))) for name, h in outcome.sensors.items()),
+        *((BOLT, name, BoltRecord.of(h, time)) for name, h in outcome.bolts.items()),
     ]
-    for name, bolt in outcome.bolts.items():
-        owned.append((name, bolt_scalars(bolt)))
+    found = {f"{name}.{key}": value for kind, name, record in records for key, value in _values(kind, record).items()}
     if outcome.energy is not None:
-        works = [own[FRICTION_WORK.key] for _, own in owned if FRICTION_WORK.key in own]
-        owned.append((ENERGY_OWNER, {FRICTION_ENERGY.key: sum(work or 0.0 for work in works)}))
-    pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
-    return {quantity: value for quantity, value in pairs if value is not None}
+        for row in rows_of(ENERGY):
+            works = (found.get(f"{name}.{row.total}", 0.0) for name in outcome.interfaces)
+            found[f"{ENERGY}.{row.key}"] = float(sum(works))
+    return found
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
+def _values(kind: str, record: Any) -> dict[str, float]:
+    """Scalars of an owner that have derivatives, by key."""
+    return values_of("derivatives", kind, record)
 
 
 def _sensor_moved(history: SensorHistory, change: SensorHistory, by: float) -> SensorHistory:
@@ -471,6 +409,35 @@ class _Activity:
         return np.asarray(self.at_events[:, i] > SHARE * self.whole[:, i])
 
 
+@dataclass(frozen=True)
+class _Owner:
+    """An owner of quantities: name, record, by parameter the record of its derivatives, and by parameter its scalars
+    with histories moved along these by _STEP, back, and by CHECKED."""
+
+    name: str
+    record: Any
+    derivatives: Sequence[Any]
+    ends: Sequence[Sequence[Mapping[str, float]]]
+
+    def quantities(self, kind: str) -> Iterator[tuple[RunScalar, QuantitySensitivity]]:
+        """Its quantities with their changes: those of a series at a place, else central differences along each
+        parameter, flagged where they bend."""
+        for row in (row for row in rows_of(kind) if row.serves("derivatives", self.record)):
+            value, quantity = row.value(self.record), f"{self.name}.{row.key}"
+            if isinstance(row.value, EntryOf):
+                own = np.array([row.value.change(self.record, d) for d in self.derivatives])
+                sharp = np.zeros(len(own), dtype=bool)
+                yield row, QuantitySensitivity(quantity, row.unit, row.value(self.record), own, sharp)
+                continue
+            moved = np.array([[end.get(row.key, np.nan) for end in along] for along in self.ends])
+            if value is None or np.isnan(moved[:, :2]).any():
+                continue
+            changes, far = (moved[:, 0] - moved[:, 1]) / (2.0 * _STEP), (moved[:, 2] - value) / CHECKED
+            largest = np.maximum(np.maximum(np.abs(changes), np.abs(far)), _LITTLE * abs(value))
+            bent = ~(np.abs(far - changes) <= BENT * largest)  # NaN, of a contact that is lost, counts as bent
+            yield row, QuantitySensitivity(quantity, row.unit, value, changes, bent)
+
+
 def _quantities(
     outcome: Outcome,
     derivatives: Sequence[HistoryChanges],
@@ -482,55 +449,62 @@ def _quantities(
     n = len(derivatives)
     activities = list[_Activity]()
     for name, history in outcome.interfaces.items():
-        ends = [
-            [interface_scalars(_moved(history, d.interfaces[name], by), time) for by in (_STEP, -_STEP, CHECKED)]
-            for d in derivatives
-        ]
-        forces = [d.interfaces[name].force() for d in derivatives]
-        activities.append(activity := _Activity.of(time, changing[name], forces))
-        for q in _differences(name, interface_scalars(history, time), ends):
-            if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
-                moved = [_contact_change(history, d.interfaces[name]) for d in derivatives]
-                q = replace(q, changes=np.array(moved))
-            if q.quantity.rpartition(".")[2] in (SLIP_DISTANCE.key, LARGEST_SLIP.key, FRICTION_WORK.key):
-                yield replace(q, flagged=q.flagged | (changing[name].mean(axis=1) > OFTEN))
-            else:
-                yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
+        changes = [d.interfaces[name] for d in derivatives]
+        ends = [[_values(INTERFACE, InterfaceRecord.of(_moved(history, d, by), time)) for by in _ENDS] for d in changes]
+        activities.append(activity := _Activity.of(time, changing[name], [d.force() for d in changes]))
+        record = InterfaceRecord.of(history, time)
+        owner = _Owner(name, record, [InterfaceRecord.of(d, time) for d in changes], ends)
+        at = _Place(record, history, changes, changing[name], activity)
+        for row, q in owner.quantities(INTERFACE):
+            yield _RULES[row.doubt](q, at)
     every = _Activity(
         np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
         np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
         np.any([a.events for a in activities] or [np.zeros((n, len(time)), dtype=bool)], axis=0),
     )
-    for name, sensor in outcome.sensors.items():
-        ends = [
-            [sensor_scalars(_sensor_moved(sensor, d.sensors[name], by)) for by in (_STEP, -_STEP, CHECKED)]
-            for d in derivatives
-        ]
-        for q in _differences(name, sensor_scalars(sensor), ends):
-            key = q.quantity.rpartition(".")[2]
-            motion = getattr(sensor, key.partition("_peak")[0]) if "_peak" in key else None
-            last = len(time) - 1 if motion is None else int(np.argmax(np.linalg.norm(motion, axis=1)))
+    end = len(time) - 1
+    for kind, owner in _other_owners(outcome, derivatives, spectra):
+        for row, q in owner.quantities(kind):
+            last = end if row.last is None else row.last(owner.record)
             yield replace(q, flagged=q.flagged | every.shares(last))
-        if name in spectra:
-            values, changes = (s.acceleration for s in spectra[name])
-            row, axis = (int(i) for i in np.unravel_index(int(np.argmax(values[0])), values[0].shape))
-            largest, slopes = float(values[0, row, axis]), changes[:, 0, row, axis]
-            key, flagged = f"{name}.{SPECTRUM_PEAK.key}", every.shares(len(time) - 1)
-            yield QuantitySensitivity(key, SPECTRUM_PEAK.unit, largest, slopes, flagged)
+
+
+def _other_owners(
+    outcome: Outcome, derivatives: Sequence[HistoryChanges], spectra: Mapping[str, tuple[ShockSpectrum, ShockSpectrum]]
+) -> Iterator[tuple[str, _Owner]]:
+    """Sensors and bolts with the kind of owner that they are."""
+    time = outcome.time
+    for name, sensor in outcome.sensors.items():
+        own, changed = spectra.get(name, (None, None))
+        slopes = [None if changed is None else _of_parameter(changed, i) for i in range(len(derivatives))]
+        changes = [d.sensors[name] for d in derivatives]
+        ends = [[_values(SENSOR, SensorRecord.of(_sensor_moved(sensor, d, by), time)) for by in _ENDS] for d in changes]
+        rates = [SensorRecord.of(d, time, spectrum=slope) for d, slope in zip(changes, slopes, strict=True)]
+        yield SENSOR, _Owner(name, SensorRecord.of(sensor, time, spectrum=own), rates, ends)
     for name, bolt in outcome.bolts.items():
-        for key, i in ((LARGEST_BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE.key, len(time) - 1)):
-            own = np.array([d.bolts[name].force[i] for d in derivatives])
-            yield QuantitySensitivity(f"{name}.{key}", "N", float(bolt.force[i]), own, every.shares(i))
+        tensions = [d.bolts[name] for d in derivatives]
+        moved = [[replace(bolt, force=bolt.force + by * d.force) for by in _ENDS] for d in tensions]
+        ends = [[_values(BOLT, BoltRecord.of(b, time)) for b in along] for along in moved]
+        yield BOLT, _Owner(name, BoltRecord.of(bolt, time), [BoltRecord.of(d, time) for d in tensions], ends)
+
+
+def _of_parameter(changes: ShockSpectrum, i: int) -> ShockSpectrum:
+    """Derivative of a spectrum by one parameter from those by all."""
+    return replace(changes, acceleration=changes.acceleration[i], pseudo_velocity=changes.pseudo_velocity[i])
 
 
 def _energies(outcome: Outcome, known: Sequence[QuantitySensitivity]) -> list[QuantitySensitivity]:
-    """The energy that friction dissipates in all, where the run has energies: the sum of its work in the interfaces."""
-    works = [q for q in known if q.quantity.rpartition(".")[2] == FRICTION_WORK.key]
-    if outcome.energy is None or not works:
-        return []
-    changes, flagged = np.sum([q.changes for q in works], axis=0), np.any([q.flagged for q in works], axis=0)
-    value = float(outcome.energy[FRICTION_ENERGY.key][-1])
-    return [QuantitySensitivity(f"{ENERGY_OWNER}.{FRICTION_ENERGY.key}", "J", value, changes, flagged)]
+    """Energies that are sums over the interfaces, where the run has energies."""
+    made = []
+    for row in rows_of(ENERGY):
+        parts = [q for q in known if q.quantity.rpartition(".")[2] == row.total]
+        if outcome.energy is None or not parts:
+            continue
+        changes, flagged = np.sum([q.changes for q in parts], axis=0), np.any([q.flagged for q in parts], axis=0)
+        value = row.value(outcome)
+        assert value is not None
+        made.append(QuantitySensitivity(f"{ENERGY}.{row.key}", row.unit, value, changes, flagged))
+    return made
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
@@ -551,48 +525,86 @@ def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> floa
         return float(d_gap[p] / speed[p] - gap[p] * d_speed[p] / speed[p] ** 2) if np.isfinite(wait[p]) else 0.0
 
 
-def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activity: _Activity) -> NDArray[np.bool_]:
-    """Whether a quantity of an interface is flagged (module docstring)."""
-    key, end = q.quantity.rpartition(".")[2], len(time) - 1
-    if key == FIRST_CONTACT.key:  # the implicit function of gap and velocity before the event
-        return np.zeros(len(q.changes), dtype=bool)
-    force = Force(time, history.normal_resultant())
-    duration = force.peak_duration(history.peak_duration)
-    if key == SEPARATION_INSTANT.key:
-        first, last = np.searchsorted(time, [q.value, q.value + duration])
-        shifted = np.abs(q.changes) > _LITTLE * abs(q.value)
-        return (np.asarray(activity.events[:, first - 1 : last + 1].any(axis=1)) & shifted) | q.flagged
-    if key == IMPULSE.key:
-        return activity.outweighs(end, q, 1.0)
-    if key == PEAK_FORCE.key:
-        last = min(int(np.searchsorted(time, force.peak_mean(duration)[1] + duration)), end)
-        over = max(duration, float(time[1] - time[0]))
-        return activity.outweighs(last, q, over) | q.flagged
-    return activity.shares(end) | q.flagged
+# -- when a quantity of an interface is flagged (module docstring) ----------------------------------------------------
+@dataclass(frozen=True)
+class _Place:
+    """An interface where its quantities are judged: record, history, by parameter derivatives, the share of its area
+    that changes its state (n, n_time), and the change of its force at events."""
+
+    record: InterfaceRecord
+    history: InterfaceHistory
+    changes: Sequence[InterfaceHistory]
+    changing: Array
+    activity: _Activity
+
+    @property
+    def time(self) -> Array:
+        """Instants of the run, s."""
+        return self.record.force.time
+
+    @property
+    def end(self) -> int:
+        """Number of the last instant."""
+        return len(self.time) - 1
 
 
-def _rises_in_a_step(q: QuantitySensitivity, history: InterfaceHistory) -> bool:
-    """Whether a quantity is the first contact of faces without a gap by a force that rises from nothing within a step:
-    the instant between both follows a front only while this arrives in the same step."""
-    if not q.quantity.endswith(FIRST_CONTACT.key) or history.initial_gap.min() > 0.0:
-        return False
+def _by_events(q: QuantitySensitivity, at: _Place) -> QuantitySensitivity:
+    """What all of the history decides."""
+    return replace(q, flagged=at.activity.shares(at.end) | q.flagged)
+
+
+def _by_its_sum(q: QuantitySensitivity, at: _Place) -> QuantitySensitivity:
+    """An integral of the force."""
+    return replace(q, flagged=at.activity.outweighs(at.end, q, 1.0))
+
+
+def _by_its_peak(q: QuantitySensitivity, at: _Place) -> QuantitySensitivity:
+    """A mean of the force about its peak."""
+    duration, time = at.record.duration, at.time
+    last = min(int(np.searchsorted(time, at.record.force.peak_mean(duration)[1] + duration)), at.end)
+    over = max(duration, float(time[1] - time[0]))
+    return replace(q, flagged=at.activity.outweighs(last, q, over) | q.flagged)
+
+
+def _by_its_instant(q: QuantitySensitivity, at: _Place) -> QuantitySensitivity:
+    """An instant that is an event, where it shifts."""
+    first, last = np.searchsorted(at.time, [q.value, q.value + at.record.duration])
+    shifted = np.abs(q.changes) > _LITTLE * abs(q.value)
+    there = np.asarray(at.activity.events[:, first - 1 : last + 1].any(axis=1))
+    return replace(q, flagged=(there & shifted) | q.flagged)
+
+
+def _by_sliding(q: QuantitySensitivity, at: _Place) -> QuantitySensitivity:
+    """What points that stick or slip decide."""
+    return replace(q, flagged=q.flagged | (at.changing.mean(axis=1) > OFTEN))
+
+
+def _by_closing(q: QuantitySensitivity, at: _Place) -> QuantitySensitivity:
+    """The instant at which a gap closes, by the implicit function of gap and velocity before; without a gap flagged
+    where the force rises from nothing within a step."""
+    calm = np.zeros(len(q.changes), dtype=bool)
+    if at.history.initial_gap.min() > 0.0:
+        moved = np.array([_contact_change(at.history, d) for d in at.changes])
+        return replace(q, changes=moved, flagged=calm)
+    return replace(q, flagged=calm | _rises_in_a_step(at.history))
+
+
+_RULES: Final[Mapping[Doubt, Callable[[QuantitySensitivity, _Place], QuantitySensitivity]]] = MappingProxyType(
+    {
+        "events": _by_events,
+        "at_events": _by_its_sum,
+        "at_peak": _by_its_peak,
+        "near_instant": _by_its_instant,
+        "closing": _by_closing,
+        "sliding": _by_sliding,
+    }
+)
+
+
+def _rises_in_a_step(history: InterfaceHistory) -> bool:
+    """Whether the force rises from nothing within a step: the instant between both follows a front only while this
+    arrives in the same step."""
     size = np.abs(history.normal_resultant())
     level = CONTACT_SHARE * float(size.max())
     i = int(np.argmax(size > level))
     return i > 0 and bool(size[i - 1] < _LITTLE * level)
-
-
-def _differences(
-    owner: str, values: dict[str, float | None], ends: list[list[dict[str, float | None]]]
-) -> Iterator[QuantitySensitivity]:
-    """Central differences of the scalars of an owner along each parameter, flagged where they bend; ``ends`` : by
-    parameter the scalars _STEP further, before, and CHECKED further."""
-    for key, value in values.items():
-        moved = np.array([[_number(end.get(key)) for end in along] for along in ends])
-        if value is None or np.isnan(moved[:, :2]).any():
-            continue
-        changes, far = (moved[:, 0] - moved[:, 1]) / (2.0 * _STEP), (moved[:, 2] - value) / CHECKED
-        largest = np.maximum(np.maximum(np.abs(changes), np.abs(far)), _LITTLE * abs(value))
-        bent = ~(np.abs(far - changes) <= BENT * largest)  # NaN, of a contact that is lost, counts as bent
-        unit = RUN_SCALARS[key].unit
-        yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, bent)

@@ -9,10 +9,15 @@ from typing import Any, Final
 import numpy as np
 
 from ..latin.outcome import Array, Outcome, SensorHistory
+from ..scene.quantity_table import BOLT as OF_BOLT
+from ..scene.quantity_table import BOUNDARY, FLOOR
+from ..scene.quantity_table import SENSOR as OF_SENSOR
 from ..scene.readable_numbers import aligned, percent, readable, readable_vector
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
-from .groups import StoredGroup
+from .filters import low_pass, uniform_step
+from .groups import StoredGroup, finite
+from .owner_records import BoltRecord, SensorRecord, reported, stored_scalars
 from .quantities import (
     AXES,
     BOLT,
@@ -26,30 +31,7 @@ from .quantities import (
     columns,
     named,
 )
-from .quantities_of_interest import FLOOR
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
-from .summary import finite
-
-
-def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Array:
-    """Values (n_time, ...) behind a filter of a sensor; ``step`` between the instants, s.
-
-    A phaseless filter runs forwards and backwards over the values, which are continued at both ends by their mirror
-    image about the end point, for three periods of the cut-off.
-    """
-    from scipy.signal import butter, sosfilt, sosfiltfilt
-
-    warped, order = np.tan(np.pi * chosen.cutoff * step), 2  # of the bilinear transform; two poles by SAE J211-1
-    if isinstance(chosen, LowPass):
-        order = chosen.order
-        if not chosen.phaseless:
-            sections = butter(order, chosen.cutoff, fs=1 / step, output="sos")
-            return np.asarray(sosfilt(sections, values, axis=0))
-        warped /= (np.sqrt(2.0) - 1.0) ** (0.5 / order)  # -3 dB after both passes
-    sections = butter(order, np.arctan(warped) / (np.pi * step), fs=1 / step, output="sos")
-    # at most n - 1: the mirror image has no more points
-    beyond = min(len(values) - 1, int(np.ceil(3.0 / (chosen.cutoff * step))))
-    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=beyond))
 
 
 def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | LowPass | None = None) -> StoredGroup:
@@ -82,14 +64,6 @@ def filtered_motions(history: SensorHistory, time: Array, chosen: ChannelClass |
     return {row.name: low_pass(values, chosen, step) for row, values in columns(SENSOR, history)}
 
 
-def uniform_step(time: Array) -> float:
-    """Length of the steps of instants, s; 0 where they differ (by more than 1e-6 of it)."""
-    steps = np.diff(time)
-    uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps.mean()
-    # the mean has more digits than a difference of two instants
-    return float(time[-1] - time[0]) / len(steps) if uniform else 0.0
-
-
 def spectra_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, ShockSpectrum]:
     """Shock response spectra of the sensors that request one and have an acceleration, by name."""
     spectra = {}
@@ -109,7 +83,9 @@ def sensor_groups(
     groups = {}
     for name, history in outcome.sensors.items():
         chosen = requests[name].filter if name in requests else None
-        groups[f"/sensors/{name}"] = sensor_group(history, outcome.time, chosen)
+        group = groups[f"/sensors/{name}"] = sensor_group(history, outcome.time, chosen)
+        scalars = stored_scalars(OF_SENSOR, SensorRecord.of(history, outcome.time))
+        group.variables.update(StoredGroup.of(scalars).variables)
     for name, spectrum in spectra_of(outcome, requests).items():
         groups[f"/sensors/{name}/spectrum"] = spectrum_group(spectrum, (errors or {}).get(name))
     return groups
@@ -120,7 +96,9 @@ def reaction_groups(outcome: Outcome) -> dict[str, StoredGroup]:
     along = named(LABELS, {"time": outcome.time, "component": AXES})
     return {
         f"/reactions/{name}": StoredGroup.of(
-            columns(REACTION, history), along, {"substructure": history.substructure, "face": history.face}
+            [*columns(REACTION, history), *stored_scalars(BOUNDARY, history)],
+            along,
+            {"substructure": history.substructure, "face": history.face},
         )
         for name, history in outcome.reactions.items()
     }
@@ -137,13 +115,11 @@ def reaction_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
 
 
 def reaction_report(outcome: Outcome) -> dict[str, Any]:
-    """Per boundary ``face``, ``largest`` (magnitude over time) and ``last`` (vector), N."""
+    """Per boundary ``face``, its scalars, ``largest`` (magnitude over time), and ``last`` (vector), N."""
     return {
-        name: {
-            "face": history.face,
-            "largest": finite(float(np.linalg.norm(history.force, axis=1).max())),
-            "last": [finite(float(x)) for x in history.force[-1]],
-        }
+        name: {"face": history.face}
+        | reported(BOUNDARY, history)
+        | {"last": [finite(float(x)) for x in history.force[-1]]}
         for name, history in outcome.reactions.items()
     }
 
@@ -157,6 +133,7 @@ def bolt_groups(outcome: Outcome) -> dict[str, StoredGroup]:
         attrs |= {} if bolt.target is None else {"target_force": bolt.target}
         attrs |= {} if bolt.thread is None else {"thread": bolt.thread}
         stored = [*columns(BOLT, bolt), *named(BOLT_END, {"end_force": ends[name].mean})]
+        stored += stored_scalars(OF_BOLT, BoltRecord.of(bolt, outcome.time))
         groups[f"/bolts/{name}"] = StoredGroup.of(stored, along, attrs)
     return groups
 
@@ -179,9 +156,9 @@ def bolt_report(outcome: Outcome) -> dict[str, Any]:
     """Per bolt ``substructure``, ``order``, ``target_force`` (N, None where the shortening is given), ``section_area``
     (m2), ``thread`` and ``thread_area`` (m2, None where the scene names none), ``share`` of the whole screw that is
     modelled, ``largest_stress`` (Pa, over the tensile stress area of the thread, else over the section), ``shortening``
-    (m), ``tightening_force`` (N, when the bolts of each order were tight), and ``first``, ``smallest``, ``largest`` and
-    ``last`` tension of the run, N; ``end`` : ``mean``, ``low`` and ``high``, N, from ``begin``, s, ``half_periods``
-    (``TensionEnd``)."""
+    (m), ``tightening_force`` (N, when the bolts of each order were tight), ``first`` and ``smallest`` tension of the
+    run, N, its scalars, ``largest`` and ``last`` tension, N; ``end`` : ``mean``, ``low`` and ``high``, N, from
+    ``begin``, s, ``half_periods`` (``TensionEnd``)."""
     ends = bolt_ends(outcome)
     return {
         name: {
@@ -197,10 +174,9 @@ def bolt_report(outcome: Outcome) -> dict[str, Any]:
             "tightening_force": [finite(force) for force in bolt.tightening],
             "first": finite(float(bolt.force[0])),
             "smallest": finite(float(bolt.force.min())),
-            "largest": finite(float(bolt.force.max())),
-            "last": finite(float(bolt.force[-1])),
-            "end": {key: finite(value) for key, value in asdict(ends[name]).items()},
         }
+        | reported(OF_BOLT, BoltRecord.of(bolt, outcome.time))
+        | {"end": {key: finite(value) for key, value in asdict(ends[name]).items()}}
         for name, bolt in outcome.bolts.items()
     }
 
@@ -316,17 +292,10 @@ def loss_text(tension: Array, end: float) -> str:
     return "nothing lost" if abs(lost) < FLOOR else f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
 
 
-_LARGEST: Final = {
-    "displacement": "largest_displacement",
-    "velocity": "largest_unfiltered_velocity",
-    "acceleration": "largest_unfiltered_acceleration",
-}
-"""Keys of the largest magnitudes over time."""
-
-
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest motions of the sensors."""
-    rows: list[tuple[str, ...]] = [("sensor", "on", *(name.replace("_", " ") for name in _LARGEST.values()), "at")]
+    heads = (f"largest {row.meaning.partition(' of ')[0]}" for row in SENSOR.values())
+    rows: list[tuple[str, ...]] = [("sensor", "on", *heads, "at")]
     for name, history in outcome.sensors.items():
         largest = [_largest(history, row, outcome.time) for row in SENSOR.values()]
         cells = [
@@ -351,15 +320,11 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
 
 
 def sensor_report(outcome: Outcome) -> dict[str, Any]:
-    """Per sensor ``substructure``, ``face`` (None of a point), ``point`` (m) and ``largest_displacement`` (m),
-    ``largest_unfiltered_velocity`` (m s-1), ``largest_unfiltered_acceleration`` (m s-2), None in quasi-static runs:
+    """Per sensor ``substructure``, ``face`` (None of a point), ``point`` (m) and its scalars, None where it has none:
+    ``largest_displacement`` (m), ``largest_unfiltered_velocity`` (m s-1), ``largest_unfiltered_acceleration`` (m s-2),
     largest magnitudes over time. Estimates have those in a band, ``velocity_peak`` and ``acceleration_peak``."""
     return {
         name: {"substructure": history.substructure, "face": history.face, "point": [float(x) for x in history.point]}
-        | {
-            _LARGEST[motion]: None if pair is None else finite(pair[0])
-            for motion, row in SENSOR.items()
-            for pair in [_largest(history, row, outcome.time)]
-        }
+        | reported(OF_SENSOR, SensorRecord.of(history, outcome.time))
         for name, history in outcome.sensors.items()
     }

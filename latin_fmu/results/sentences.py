@@ -10,15 +10,8 @@ from typing import Final
 import numpy as np
 
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, ReactionHistory, SensorHistory
-from ..scene.readable_numbers import percent, readable
-from ..scene.sensors import ChannelClass, LowPass, Sensor
-from ..scene.unit_texts import GRAVITY
-from ..scene.units import SI, UnitSystem
-from .estimates import ErrorEstimate, QuantityEstimate, error_text
-from .quantities_of_interest import (
+from ..scene.quantity_table import (
     ACCELERATION_PEAK,
-    AS_A_WHOLE,
-    CONTACT_SHARE,
     DISPLACEMENT_PEAK,
     FIRST_CONTACT,
     FLOOR,
@@ -29,16 +22,24 @@ from .quantities_of_interest import (
     PEAK_FORCE_RAW,
     SEPARATION,
     VELOCITY_PEAK,
+    QuantityOfInterest,
+)
+from ..scene.readable_numbers import percent, readable
+from ..scene.sensors import ChannelClass, LowPass, Sensor
+from ..scene.unit_texts import GRAVITY
+from ..scene.units import SI, UnitSystem
+from .estimates import ErrorEstimate, QuantityEstimate, error_text
+from .interface_fields import (
+    AS_A_WHOLE,
+    CONTACT_SHARE,
     Force,
     InterfaceFields,
-    QuantityOfInterest,
-    first_contact_time,
     friction_used,
-    separation_time,
     slip_in_contact,
     status_shares,
     sticks,
 )
+from .owner_records import InterfaceRecord
 from .sensors import TensionEnd, bolt_ends, filtered_motions, largest_of, loss_text
 from .spectra import ShockSpectrum
 
@@ -126,14 +127,15 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     # no points, no gap: infinite
     joined = float(history.initial_gap.min(initial=np.inf)) <= 0.0
     name, force = history.name, Force(time, history.normal_resultant())
-    first = first_contact_time(fields)
+    record = InterfaceRecord.of(history, time)
+    first = FIRST_CONTACT.value(record)
     if history.contact_status is None:
         return [f"carries up to {_up_to(history.force(), time, units, history.quasi_static)}"]
     if first is None:
         apart = f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"
         return ["carries no force" if joined else apart]
     clauses = list(_peak(history, force, units, errors))
-    clauses.append(_contact(history, time, first, separation_time(fields), errors, joined))
+    clauses.append(_contact(history, time, first, SEPARATION.value(record), errors, joined))
     clauses += [*_slipping(history, fields, time, units), *_opening(history)]
     if history.friction_power is not None and history.has_friction and f"{name}.{FRICTION_WORK.key}" in errors:
         work = errors[f"{name}.{FRICTION_WORK.key}"].value

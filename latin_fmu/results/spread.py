@@ -18,19 +18,17 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
+from ..scene.quantity_table import in_words as quantity_in_words
 from ..scene.readable_numbers import percent, readable
 from ..scene.sensors import Sensor
 from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem
-from .groups import StoredGroup, StoredVariable
-from .quantities import AXES, BOLT, INTERFACE, LABELS, named, rows
-from .quantities_of_interest import ByQuantity
-from .quantities_of_interest import in_words as quantity_in_words
+from .groups import StoredGroup, StoredVariable, finite
+from .quantities import AXES, BOLT, INTERFACE, LABELS, ByQuantity, named, rows
 from .sensitivities import DOUBT, Sensitivities, in_words
 from .sensors import sensor_group
 from .sentences import named_lines
 from .spectra import ShockSpectrum, spectrum_group
-from .summary import finite
 
 LEVEL: Final = 0.95
 """Probability of a band."""

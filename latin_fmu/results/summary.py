@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, Timings
+from ..scene.quantity_table import FIRST_CONTACT, INTERFACE, PEAK_FORCE, PEAK_FORCE_RAW, RUN, SEPARATION
 from ..scene.readable_numbers import aligned, readable, readable_vector
 from ..scene.units import SI, UnitSystem
-from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time, sticks
+from .groups import finite
+from .interface_fields import InterfaceFields, largest_slip_share, sticks
+from .owner_records import InterfaceRecord, reported
 
 
 def report(outcome: Outcome) -> dict[str, Any]:
@@ -25,11 +27,11 @@ def report(outcome: Outcome) -> dict[str, Any]:
     ``penetration`` (m; ``penetration_landed`` of landings, ``penetration_closed`` what points that stayed closed
     have approached by since), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
     ``warnings``, ``warning_codes`` (of ``remarks.REMARKS``, one each), and ``interfaces``:
-    per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
-    resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
-    land), ``first_contact_time`` (s; at which the normal resultant exceeds 1 % of its peak, or a gap closes),
-    ``separation_time`` (s; from which on its mean over ``peak_duration`` stays below a tenth of ``peak_force``; None of
-    both if never) and ``error_indicator``. A solution with an error estimate adds
+    per name ``impulse`` (vector, N s) and its scalars (rows of ``scene.quantity_table``): ``peak_force`` (N, largest
+    mean of the normal resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no
+    limit where bodies land), ``first_contact_time`` (s; at which the normal resultant exceeds 1 % of its peak, or a gap
+    closes), ``separation_time`` (s; from which on its mean over ``peak_duration`` stays below a tenth of
+    ``peak_force``; None of both if never) and ``error_indicator``. A solution with an error estimate adds
     ``error_estimate``, see ``results.estimates``.
     """
     return {
@@ -51,6 +53,7 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "resultants": {name: _resultants(r) for name, r in outcome.resultants.items()},
         "warnings": list(outcome.warnings),
         "warning_codes": [getattr(warning, "code", "") for warning in outcome.warnings],
+        **reported(RUN, outcome),
         "interfaces": {name: _interface(outcome, history) for name, history in outcome.interfaces.items()},
     }
 
@@ -62,22 +65,13 @@ def cpu_seconds(timings: Timings) -> dict[str, float | None]:
 
 
 def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
-    fields = InterfaceFields.of_history(history, outcome.interface_time)
-    peak, duration, raw = fields.peaks
-    return {
-        "impulse": [finite(value) for value in history.impulse(outcome.interface_time)[-1]],
-        "peak_force": finite(peak),
-        "peak_duration": finite(duration),
-        "peak_force_raw": finite(raw),
-        "first_contact_time": finite(first_contact_time(fields)),
-        "separation_time": finite(separation_time(fields)),
-        "error_indicator": finite(outcome.interface_indicator.get(history.name)),
-    }
-
-
-def finite(value: float | None) -> float | None:
-    """A number for strict JSON: None in the place of one that is not finite."""
-    return float(value) if value is not None and math.isfinite(value) else None
+    record = InterfaceRecord.of(history, outcome.interface_time)
+    made: dict[str, Any] = {"impulse": [finite(value) for value in history.impulse(outcome.interface_time)[-1]]}
+    for name, value in reported(INTERFACE, record).items():
+        made[name] = value
+        if name == PEAK_FORCE.key:
+            made["peak_duration"] = finite(record.duration)
+    return made | {"error_indicator": finite(outcome.interface_indicator.get(history.name))}
 
 
 def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
@@ -170,14 +164,14 @@ def _table(outcome: Outcome, units: UnitSystem) -> list[str]:
 
 
 def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tuple[str, ...]:
-    fields = InterfaceFields.of_history(history, outcome.interface_time)
-    last, (peak, duration, largest) = separation_time(fields), fields.peaks
-    slip = _slip_text(history, fields, outcome.interface_time)
+    record = InterfaceRecord.of(history, outcome.interface_time)
+    peak, last = PEAK_FORCE.value(record), SEPARATION.value(record)
+    slip = _slip_text(history, InterfaceFields.of_history(history, outcome.interface_time), outcome.interface_time)
     # a bond holds by forces of all directions: those of a thread along its flanks, say
     bonded = history.contact_status is None
-    mean = readable(duration, "s", 3)
+    mean = readable(record.duration, "s", 3)
     impulse = "-"
-    raw: float | None = largest
+    raw = PEAK_FORCE_RAW.value(record)
     if bonded or history.quasi_static:
         whole = np.linalg.norm(history.force(), axis=1) if bonded else np.abs(history.normal_resultant())
         peak = float(whole.max(initial=0.0))
@@ -194,7 +188,7 @@ def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tupl
         mean,
         readable(raw, units.label("N")),
         impulse,
-        readable(first_contact_time(fields), "s"),
+        readable(FIRST_CONTACT.value(record), "s"),
         "not yet" if last == outcome.interface_time[-1] else readable(last, "s"),
         slip,
         "-" if indicator is None else f"{indicator:.1e}",

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, Problem
 from ..fem.mesh import Mesh, boundary, cell_blocks
 from .files import readable
+from .filters import uniform_step
 from .groups import unit_of, units_of
-from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
-from .sensors import uniform_step
+from .interface_fields import InterfaceFields, friction_resultant, normal_resultant
 from .spectra import LINES, RESPONSES, shock_response_spectrum
 
 if TYPE_CHECKING:

@@ -4,14 +4,14 @@ The LATIN iteration does not change the converged result.
 """
 
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from ..errors import Problem, did_you_mean, shown
 from .fields import Count, Flag, Real, SceneTable, Text, about, by_type, refusal
 from .materials import DAMPING_KEYS
+from .quantity_table import INTERFACE, QUANTITY_OWNERS
 from .raw_scene import (
     CENTRAL,
     RawTable,
@@ -247,28 +247,6 @@ class Fmu(SceneTable):
     copyright: Annotated[Text, about("copyright of the model")] = ""
     licence: Annotated[Text, about("licence of the model, attribute `license` of the FMI")] = ""
     description: Annotated[Text, about("what the model is; that of the scene where left out")] = ""
-
-
-QUANTITY_OWNERS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "impulse": "interface",
-        "first_contact": "interface",
-        "separation": "interface",
-        "peak_force": "interface",
-        "peak_force_raw": "interface",
-        "friction_work": "interface",
-        "force_rms": "interface",
-        "displacement": "sensor",
-        "displacement_peak": "sensor",
-        "displacement_rms": "sensor",
-        "velocity_peak": "sensor",
-        "velocity_rms": "sensor",
-        "acceleration_peak": "sensor",
-        "spectrum": "sensor",
-        "largest_bolt_force": "bolt",
-    }
-)
-"""Kinds of quantities, and the tables with their owners."""
 
 
 def _check_quantity(quantity: str) -> str:
@@ -582,9 +560,9 @@ def _accuracy_problems(raw: Any) -> Iterator[Problem]:
     """The owner of the quantity aimed at must exist."""
     quantity = single_table(raw, "accuracy").get("quantity")
     owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
-    kind = QUANTITY_OWNERS.get(key, "interface")
+    kind = QUANTITY_OWNERS.get(key, INTERFACE)
     owners = named_tables(raw, kind)
-    if kind == "interface" and named_tables(raw, "contact"):
+    if kind == INTERFACE and named_tables(raw, "contact"):
         return  # interfaces are found on the meshes
     if owner and owner not in owners:
         yield unknown_name("accuracy.quantity", kind, owner, owners)

@@ -13,8 +13,8 @@ import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import COURANT, Choice, RefinementSequence, choose, step_ratio
 from latin_fmu.cli import main
 from latin_fmu.commands import LIMITED, NOT_CONVERGED, SOLVER_FAILED
-from latin_fmu.results.quantities_of_interest import IMPULSE
 from latin_fmu.run_quantities import measure_solution
+from latin_fmu.scene.quantity_table import IMPULSE
 
 from ..verification.known_answers import MODELS, Known, impact_bar, shipped, thrown_bars, thrown_on_wall
 

@@ -35,8 +35,9 @@ from latin_fmu.accuracy.runs import (
 from latin_fmu.cli import main
 from latin_fmu.errors import Problem
 from latin_fmu.results.estimates import ErrorEstimate
-from latin_fmu.results.quantities_of_interest import FORCE_RMS, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST, Force
+from latin_fmu.results.interface_fields import Force
 from latin_fmu.run_quantities import Quantities
+from latin_fmu.scene.quantity_table import FORCE_RMS, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST
 
 from ..test_cli import SCENE
 from ..verification.known_answers import MODELS, shipped

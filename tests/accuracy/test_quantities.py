@@ -15,10 +15,11 @@ from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.accuracy.study import FILE, declared, physics_of
 from latin_fmu.latin.outcome import BoltHistory
 from latin_fmu.parametric.point import QUANTITIES
-from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST, RUN_SCALARS, Force
-from latin_fmu.results.sensitivities import bolt_scalars
-from latin_fmu.run_quantities import Quantities, add_bolt, measure, measure_solution, of_force
-from latin_fmu.scene.settings import QUANTITY_OWNERS
+from latin_fmu.results.interface_fields import Force
+from latin_fmu.results.owner_records import BoltRecord
+from latin_fmu.run_quantities import Quantities, measure, measure_solution, of_force
+from latin_fmu.scene.quantity_table import BOLT, QUANTITIES_OF_INTEREST, RUN_SCALARS, values_of
+from latin_fmu.scene.settings import Accuracy
 
 from ..results import synthetic
 from ..verification.known_answers import MODELS, beam_in_traction, bouncing_bar, impact_bar, shear_interface, shipped
@@ -26,7 +27,8 @@ from ..verification.known_answers import MODELS, beam_in_traction, bouncing_bar,
 
 # -- Quantities and distances against closed forms --------------------------------------------------------------------
 def test_the_scene_accepts_all_quantities() -> None:
-    assert tuple(definition.key for definition in QUANTITIES_OF_INTEREST) == tuple(QUANTITY_OWNERS)
+    for definition in QUANTITIES_OF_INTEREST:
+        assert Accuracy(quantity=definition.key).quantity == definition.key
 
 
 def test_a_scalar_of_a_study_is_that_of_derivatives_and_estimates() -> None:
@@ -40,10 +42,12 @@ def test_a_scalar_of_a_study_is_that_of_derivatives_and_estimates() -> None:
     assert not {"velocity_peak", "acceleration_peak", "bolt_force"} & shared.keys()
     force = np.array([4e3, 5e3, 3e3])
     bolt = BoltHistory("m6", "bolt", 1, None, 1e-5, 1e-5, force, (1,), (4e3,))
-    assert bolt_scalars(bolt) == {"largest_bolt_force": 5e3, "last_bolt_force": 3e3}
-    assert bolt_scalars(bolt).keys() <= shared.keys()
-    measured = Quantities()
-    add_bolt(measured, np.array([0.0, 1.0, 2.0]), bolt, 2.0)
+    time, measured = np.array([0.0, 1.0, 2.0]), Quantities()
+    for use in ("derivatives", "study"):
+        values = values_of(use, BOLT, BoltRecord.of(bolt, time))  # type: ignore[arg-type]
+        assert values == {"largest_bolt_force": 5e3, "last_bolt_force": 3e3}
+        assert values.keys() <= shared.keys()
+    measured.add_record(BOLT, "m6", BoltRecord.of(bolt, time, 2.0))
     assert measured.values == {"m6.largest_bolt_force": 5e3}
 
 

@@ -10,7 +10,8 @@ from latin_fmu.accuracy.adaptive_resolution import choose
 from latin_fmu.accuracy.estimate import element_transit, estimate_error
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.latin.outcome import SensorHistory
-from latin_fmu.run_quantities import Band, Quantities, Signal, add_sensor, measure_solution, resolved_frequency
+from latin_fmu.results.owner_records import Band, Signal
+from latin_fmu.run_quantities import Quantities, add_sensor, band_of, measure_solution, resolved_frequency
 from latin_fmu.scene.materials import MaterialTable
 from latin_fmu.scene.sensors import LowPass, Sensor, Spectrum
 
@@ -66,7 +67,8 @@ def test_changes_of_peaks_are_those_of_the_histories_near_them() -> None:
     one, other = (Signal(time, np.sin(2 * np.pi * (time - shift))[:, None]) for shift in (0.0, 0.05))
     first, second = Quantities(), Quantities()
     for quantities, signal in ((first, one), (second, other)):
-        quantities.add_signal("s.velocity_peak", signal)
+        quantities.add("s", {"velocity_peak": (signal.peak(),) * 2})
+        quantities.signals["s.velocity_peak"] = signal
     assert first.distance("s.velocity_peak", second) == pytest.approx(0.0, abs=1e-12)
     # where |sin a| is 0.8 and more: largest 2 sin(d / 2) cos(a - d / 2), d = 0.1 pi, at a = asin 0.8
     largest = max(
@@ -104,7 +106,7 @@ def test_waves_along_each_axis_of_an_orthotropic_bar() -> None:
 def test_a_filter_of_the_sensor_is_the_band() -> None:
     scene, own = chain(2).scene, LowPass(cutoff=0.7, order=2)
     sensor = Sensor(substructure="bar0", point=(0.0, 0.0, 0.0), filter=own, spectrum=Spectrum(quality=5.0))
-    band = Band.of(scene, sensor)
+    band = band_of(scene, sensor)
     assert band.chosen == own
     assert band.quality == 5.0
     assert band.highest == resolved_frequency(scene)

@@ -12,7 +12,7 @@ from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.step_history import AcceptedStep, curves_of
 from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, PRESCRIBED, RATE
 from latin_fmu.results.estimates import ErrorEstimate
-from latin_fmu.results.quantities_of_interest import FLOOR
+from latin_fmu.scene.quantity_table import FLOOR
 from latin_fmu.scene.schema import Scene
 
 from ..verification.known_answers import Known, smooth_pulse

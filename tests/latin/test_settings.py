@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin.settings import ITERATION_SHARE, accuracy_of, tolerance_for
-from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST
+from latin_fmu.scene.quantity_table import QUANTITIES_OF_INTEREST
 
 
 @pytest.mark.parametrize("accuracy", [0.2, 0.01, 3e-5])

@@ -19,7 +19,7 @@ from latin_fmu.assembly.models import KeptOperators
 from latin_fmu.parametric import study as study_module
 from latin_fmu.parametric.point import parameters_of, read_parameter, to_and_fro
 from latin_fmu.propagator import direct
-from latin_fmu.results.quantities_of_interest import slip_in_contact
+from latin_fmu.results.interface_fields import slip_in_contact
 
 SCENE = Path(__file__).parents[2] / "models" / "two_specimen_crushing" / "scene.toml"
 TINY = (

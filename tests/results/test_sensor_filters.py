@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 
 import latin_fmu
 from latin_fmu.parametric.point import QUANTITIES
+from latin_fmu.results.filters import low_pass
 from latin_fmu.results.sensitivities import scalars_of
-from latin_fmu.results.sensors import low_pass
 from latin_fmu.run_quantities import measure_solution
 from latin_fmu.scene.sensors import ChannelClass, LowPass, filter_problems
 

@@ -341,7 +341,7 @@ def test_a_thread_has_one_number(crushing: Solution) -> None:
 
 def test_a_sensor_with_a_filter_says_the_peak_behind_it() -> None:
     """A ripple of 200 kHz on a slow half sine: its filter takes the ripple off, and the sentence has what is left."""
-    from latin_fmu.results.sensors import low_pass
+    from latin_fmu.results.filters import low_pass
     from latin_fmu.scene.sensors import LowPass, Sensor
 
     time = np.linspace(0.0, 2e-3, 4001)

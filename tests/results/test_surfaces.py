@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.results.quantities_of_interest import slip_in_contact
+from latin_fmu.results.interface_fields import slip_in_contact
 from latin_fmu.results.vtk import export_vtu
 
 from .test_sensors import pressed

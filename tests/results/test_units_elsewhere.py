@@ -14,7 +14,7 @@ import latin_fmu
 from latin_fmu.calibration.data import MEASURABLE
 from latin_fmu.parametric.point import QUANTITIES
 from latin_fmu.results.quantities import StoredQuantity
-from latin_fmu.results.quantities_of_interest import RUN_SCALARS
+from latin_fmu.scene.quantity_table import RUN_SCALARS
 from latin_fmu.scene.unit_texts import QUANTITIES as UNITS
 from latin_fmu.scene.unit_texts import unit_size
 from latin_fmu.scene.units import UNIT_SYSTEMS, UnitSystem

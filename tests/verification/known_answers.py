@@ -13,8 +13,8 @@ import numpy as np
 import latin_fmu
 from latin_fmu.accuracy.runs import in_short_windows
 from latin_fmu.latin.outcome import SensorHistory
-from latin_fmu.results.quantities_of_interest import Force
-from latin_fmu.run_quantities import Band, Quantities, add_sensor, of_force
+from latin_fmu.results.interface_fields import Force
+from latin_fmu.run_quantities import Quantities, add_sensor, band_of, of_force
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, bar, column, thrown, two_boxes
 
@@ -76,7 +76,7 @@ def add_exact_sensor(exact: Quantities, name: str, waves: Waves, place: tuple[in
     motions[1, :, 2] = np.gradient(path, step)
     motions[2, 1:-1, 2] = np.diff(path, 2) / step**2
     history = SensorHistory(name, scene.sensor[name].body, None, np.zeros(3), *motions)
-    add_sensor(exact, time, history, scene.time.end, Band.of(scene, scene.sensor[name]))
+    add_sensor(exact, time, history, scene.time.end, band_of(scene, scene.sensor[name]))
 
 
 def _path(waves: Waves, place: tuple[int, int], time: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ import latin_fmu
 from latin_fmu.accuracy.measured_effects import MeasuredEffects, changes, measured_effects
 from latin_fmu.accuracy.runs import Resolution, at_resolution, mesh_factor, mesh_files
 from latin_fmu.effects.explanation import explain
-from latin_fmu.results.quantities_of_interest import FLOOR
+from latin_fmu.scene.quantity_table import FLOOR
 from tests.scenes import MODELS
 
 PRICE, INFLUENCE, FINER = 0.15, 2.0, 1.5

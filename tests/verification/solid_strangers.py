@@ -26,8 +26,8 @@ from latin_fmu.accuracy.estimate import estimate_error, observed_order
 from latin_fmu.accuracy.runs import Resolution, aligned, in_short_windows, mesh_factor, mesh_files, run_at
 from latin_fmu.errors import LatinError
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.results.quantities_of_interest import FLOOR, definition_of
 from latin_fmu.run_quantities import Quantities, measure_solution
+from latin_fmu.scene.quantity_table import FLOOR, definition_of
 from latin_fmu.stability.scenes import Box, Description, Material, bolted_stack, column, half_sine, placed, rubbing
 from latin_fmu.stability.surfaces import write_mesh
 from tests.fem.meshes import cut

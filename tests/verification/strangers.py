@@ -23,8 +23,8 @@ import numpy as np
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import choose
 from latin_fmu.accuracy.estimate import estimate_error
-from latin_fmu.results.quantities_of_interest import FLOOR
 from latin_fmu.run_quantities import Quantities, measure_solution
+from latin_fmu.scene.quantity_table import FLOOR
 from latin_fmu.stability.scenes import Box, Material, column
 
 from .known_answers import Known, add_exact_sensor, exact_of

@@ -19,8 +19,8 @@ import pytest
 import latin_fmu
 from latin_fmu.accuracy.estimate import coarser_runs_of, estimate_error
 from latin_fmu.accuracy.runs import Resolution, at_resolution
-from latin_fmu.results.quantities_of_interest import FLOOR
 from latin_fmu.run_quantities import measure_solution
+from latin_fmu.scene.quantity_table import FLOOR
 
 from . import solid_strangers
 from .known_answers import Known, impact_bar, known, thrown_on_wall

@@ -9,7 +9,7 @@ import pytest
 
 from latin_fmu import api, load_scene
 from latin_fmu.accuracy.study import declared
-from latin_fmu.results.quantities_of_interest import Force
+from latin_fmu.results.interface_fields import Force
 from latin_fmu.run_quantities import of_force
 
 from .known_answers import MODELS

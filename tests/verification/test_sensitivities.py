@@ -16,9 +16,12 @@ from latin_fmu.building import build
 from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.interface.laws import SLIP, STICK
 from latin_fmu.latin import search_direction
+from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.latin.search_direction import relative_operator
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
+from latin_fmu.results.owner_records import InterfaceRecord
+from latin_fmu.scene.quantity_table import INTERFACE, values_of
 from latin_fmu.sensitivities import copies, riders, tangent_run
 from latin_fmu.sensitivities.tangent_run import TangentRun
 from latin_fmu.sensitivities.tangents import Tangents
@@ -183,6 +186,11 @@ OTHERS = (
 )
 
 
+def scalars(history: InterfaceHistory, time: np.ndarray) -> dict[str, float]:
+    """Scalars of an interface that have derivatives."""
+    return values_of("derivatives", INTERFACE, InterfaceRecord.of(history, time))
+
+
 def scene_of(case: Case) -> latin_fmu.Scene:
     """The scene of a case, without derivatives."""
     return latin_fmu.load_scene(MODELS / case[0] / "scene.toml", (*TIGHT, *case[1]))
@@ -240,8 +248,8 @@ def test_scalars_are_those_of_central_differences(case: Case) -> None:
     for i, d in enumerate(known.derivatives):
         more, less = ends(case, d.name)
         for name, history in solution.interfaces.items():
-            pair = [sensitivities.interface_scalars(s.interfaces[name], s.time) for s in (more, less)]
-            for key in sensitivities.interface_scalars(history, solution.time):
+            pair = [scalars(s.interfaces[name], s.time) for s in (more, less)]
+            for key in scalars(history, solution.time):
                 difference = np.sign(d.value) * (pair[0][key] - pair[1][key]) / (2.0 * STEP)
                 # of interfaces that do not slip the work is round-off
                 floor = 1e-9 / STEP * max(abs(q.value) for q in known.quantities if q.quantity.endswith(key))
@@ -486,7 +494,7 @@ def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change
     checked = latin_fmu.solve(scene.replace("output.check_sensitivities", "all")).sensitivities
     plain, values = differentiated(CRUSHING).sensitivities, scene_of(CRUSHING).interface["crush"].friction_coefficient
     more = latin_fmu.solve(scene_of(CRUSHING).replace(parameters[0], 1.05 * values))
-    there = sensitivities.interface_scalars(more.interfaces["crush"], more.time)
+    there = scalars(more.interfaces["crush"], more.time)
     taken = 0
     for own, q in zip(plain.quantities, checked.quantities, strict=True):
         secant = (there[q.quantity.rpartition(".")[2]] - q.value) / 0.05

@@ -19,8 +19,9 @@ from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
 from latin_fmu.parametric.point import CONVERGED, NOT_CONVERGED, SAMPLE, Grid, parameters_of
 from latin_fmu.parametric.samples import SampledBands, sample_values
 from latin_fmu.pictures.sensitivity_picture import bands_figure
-from latin_fmu.results.sensitivities import interface_scalars
+from latin_fmu.results.owner_records import InterfaceRecord
 from latin_fmu.results.spread import Bands, QuantityBand, ResultBand, Scatter, coverage
+from latin_fmu.scene.quantity_table import INTERFACE, values_of
 from latin_fmu.scene.spread import Distribution
 from tests.scenes import MODELS
 
@@ -324,7 +325,7 @@ def test_a_sample_has_its_value_of_every_parameter() -> None:
         assert (values.dims, values.attrs["scene_key"]) == (("sample",), name)
         scene = scene.replace(name, float(values[5]))
     alone = latin_fmu.solve(scene)
-    expected = interface_scalars(alone.interfaces["crush"], alone.time)
+    expected = values_of("derivatives", INTERFACE, InterfaceRecord.of(alone.interfaces["crush"], alone.time))
     for key in ("friction_work", "peak_force"):
         assert tree[key].values[5, 0] == pytest.approx(expected[key], rel=1e-4)
 

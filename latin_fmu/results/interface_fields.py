@@ -1,4 +1,4 @@
-"""Quantities of interest: one table with unit, long name, scale and error constants; quantities of one interface.
+"""What quantities of an interface are made of: its normal force over time, its fields at the points.
 
 The functions take an ``InterfaceFields``, made from a solver history or from a stored group, so that a file and a
 fresh solution give the same numbers.
@@ -6,215 +6,16 @@ fresh solution give the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Final, Generic, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..latin.outcome import Array, InterfaceHistory
-from ..latin.settings import ITERATION_ERROR
-from .quantities import cells_of
 
 if TYPE_CHECKING:
     import xarray as xr
-
-FLOOR: Final = 1e-3
-"""Smallest relative error that is reported: smaller ones count as this."""
-
-
-@dataclass(frozen=True)
-class RunScalar:
-    """A scalar of a run.
-
-    Attributes
-    ----------
-    key : last part of the name of a quantity, ``interface.key``, ``sensor.key`` or ``bolt.key``. unit : UDUNITS.
-    long_name : what it is.
-    """
-
-    key: str
-    unit: str
-    long_name: str
-
-
-@dataclass(frozen=True)
-class QuantityOfInterest(RunScalar):
-    """Definition of a quantity and the constants of its error estimate (``accuracy.estimate.estimated_error``).
-
-    The factors are chosen so that the estimates of 95 % (with a third run) and 96 % (without) of the cases of random
-    chains of unlike bars with exact solutions are not below the true error (``tests/verification/strangers.py``, even
-    seeds); those of friction work and tension of bolts with the same on random 3-D scenes
-    (``tests/verification/solid_strangers.py``).
-
-    Attributes
-    ----------
-    scale : what its error is divided by.
-    safety : factor on the extrapolated changes, with a third run. alone : on the last one, without.
-    share, of : without a third run so much of the relative change of another quantity of the owner is added, of a
-        history, which is not small by chance; of none where empty.
-    order : expected order of convergence when mesh and time step are refined together, with fronts: 1, but 1/2 for the
-        L2 norm of a history that jumps. Up to twice that without fronts.
-    iteration : error left by the iteration, over the tolerance on sqrt(eta); largest measured on eight scenes.
-    norm : its change between two runs is a norm of a difference of histories, which is not small by chance.
-    """
-
-    scale: str
-    safety: float
-    alone: float
-    share: float
-    of: str
-    order: float
-    iteration: float
-    norm: bool
-
-
-def _defined(text: str) -> tuple[QuantityOfInterest, ...]:
-    """Definitions from lines of their attributes; an error of the iteration ``-`` is the common one, a share ``-``
-    none."""
-    made = []
-    for key, unit, long_name, scale, safety, alone, added, order, left, kind in cells_of(text):
-        share, _, of = ("0" if added == "-" else added).partition(" ")
-        iteration = ITERATION_ERROR if left == "-" else float(left)
-        factors = float(safety), float(alone), float(share), of, float(order), iteration
-        made.append(QuantityOfInterest(key, unit, long_name, scale, *factors, kind == "norm"))
-    return tuple(made)
-
-
-QUANTITIES_OF_INTEREST: Final = _defined(
-    """
-    impulse | N s | normal force integrated over time | integral of the magnitude of the force \
-        | 1.35 | 2.7 | 0.05 force_rms | 1 | - | value
-    first_contact | s | instant at which the normal force first exceeds 1 % of its peak (after a gap: at which the \
-        gap closes) | the instant itself, at least a hundredth of the interval \
-        | 1.15 | 2.8 | 0.02 force_rms | 1 | 0.15 | value
-    separation | s | instant from which on the mean of the normal force over the peak duration stays below a tenth of \
-        the peak force | the instant itself, at least a hundredth of the interval \
-        | 1.9 | 2.8 | 0.05 force_rms | 1 | 0.3 | value
-    peak_force | N | largest mean of the normal force over the peak duration | itself | 0.64 | 0.79 | - | 1 | - | norm
-    peak_force_raw | N | largest normal force of all instants; has no limit where bodies land \
-        | itself | 1 | 0.6 | 0.8 force_rms | 1 | - | norm
-    friction_work | J | work dissipated by friction | itself, a thousandth of impulse x largest velocity at least \
-        | 1 | 4.3 | - | 1 | 2.0 | value
-    force_rms | N | root mean square of the normal force over the run; its error is that of the difference | itself \
-        | 0.75 | 0.8 | - | 0.5 | 1.0 | norm
-    displacement | m | displacement of a sensor at the end | largest displacement of the sensor \
-        | 1 | 2.4 | 0.5 displacement_rms | 1 | - | value
-    displacement_peak | m | largest displacement of a sensor | itself \
-        | 1.15 | 0.6 | 0.8 displacement_rms | 1 | - | norm
-    displacement_rms | m | root mean square of the displacement of a sensor over the run; its error is that of the \
-        difference | itself \
-        | 1.25 | 1.5 | - | 1 | - | norm
-    velocity_peak | m s-1 | largest velocity of a sensor in the band of its filter, or of the mesh | itself \
-        | 0.68 | 0.5 | 0.2 velocity_rms | 1 | - | norm
-    velocity_rms | m s-1 | root mean square of the velocity of a sensor over the run; its error is that of the \
-        difference | itself \
-        | 0.68 | 0.78 | - | 0.5 | 1.0 | norm
-    acceleration_peak | m s-2 | largest acceleration of a sensor in the band of its filter, or of the mesh | itself \
-        | 0.61 | 0.67 | - | 1 | - | norm
-    spectrum | m s-2 | shock response spectrum (maximax) in the band of the mesh, largest relative difference over the \
-        frequencies | itself, frequency by frequency | 1.95 | 1.5 | 0.8 velocity_rms | 1 | - | norm
-    largest_bolt_force | N | largest tension of a bolt | itself | 0.5 | 0.35 | - | 1 | - | norm
-    """
-)
-"""All definitions, in the order of tables: key, unit, long name, scale, safety, alone, share and of what, order, error
-of the iteration, kind of change."""
-(
-    IMPULSE,
-    FIRST_CONTACT,
-    SEPARATION,
-    PEAK_FORCE,
-    PEAK_FORCE_RAW,
-    FRICTION_WORK,
-    FORCE_RMS,
-    DISPLACEMENT,
-    DISPLACEMENT_PEAK,
-    DISPLACEMENT_RMS,
-    VELOCITY_PEAK,
-    VELOCITY_RMS,
-    ACCELERATION_PEAK,
-    SPECTRUM,
-    LARGEST_BOLT_FORCE,
-) = QUANTITIES_OF_INTEREST
-
-_WITHOUT_ERROR: Final = tuple(
-    RunScalar(*cells)
-    for cells in cells_of(
-        """
-        slip | m | distance that the points have slid in contact at the end of the run, mean over the area
-        largest_slip | m | largest distance that a point has slid in contact at an instant
-        largest_force | N | largest resultant of an interface that cannot open
-        velocity_peak_unfiltered | m s-1 | largest unfiltered velocity of a sensor
-        acceleration_peak_unfiltered | m s-2 | largest unfiltered acceleration of a sensor
-        spectrum_peak | m s-2 | largest value of the maximax spectrum of a sensor
-        last_bolt_force | N | tension of a bolt at the last instant
-        friction_dissipation | J | energy that friction dissipates in all interfaces
-        """
-    )
-)
-(
-    SLIP_DISTANCE,
-    LARGEST_SLIP,
-    LARGEST_FORCE,
-    VELOCITY_UNFILTERED,
-    ACCELERATION_UNFILTERED,
-    SPECTRUM_PEAK,
-    LAST_BOLT_FORCE,
-    FRICTION_ENERGY,
-) = _WITHOUT_ERROR
-RUN_SCALARS: Final = {scalar.key: scalar for scalar in (*QUANTITIES_OF_INTEREST, *_WITHOUT_ERROR)}
-"""All scalars of a run by key: those with an estimated error, and those that derivatives, bands and studies have, too.
-"""
-
-
-def definition_of(quantity: str) -> QuantityOfInterest:
-    """Definition of the quantity ``owner.key``.
-
-    >>> definition_of("crush.impulse").unit
-    'N s'
-    """
-    key = quantity.rpartition(".")[2]
-    return next(definition for definition in QUANTITIES_OF_INTEREST if definition.key == key)
-
-
-def in_words(quantity: str) -> str:
-    """Name of a quantity in words.
-
-    >>> in_words("crush.peak_force")
-    'crush peak force'
-    """
-    owner, _, key = quantity.rpartition(".")
-    return f"{owner} {key.replace('_', ' ')}"
-
-
-class Named(Protocol):
-    """An entry of one quantity."""
-
-    @property
-    def quantity(self) -> str:
-        """Its name, ``owner.key``."""
-        ...
-
-
-Of = TypeVar("Of", bound=Named)
-
-
-class ByQuantity(Generic[Of]):
-    """Base of results with an entry of type ``Of`` for each quantity: ``made["crush.impulse"]``."""
-
-    quantities: Sequence[Of]
-
-    @cached_property
-    def by_quantity(self) -> dict[str, Of]:
-        """Entries by the name of their quantity."""
-        return {of.quantity: of for of in self.quantities}
-
-    def __getitem__(self, quantity: str) -> Of:
-        """Entry of one quantity (KeyError where there is none)."""
-        return self.by_quantity[quantity]
-
 
 CONTACT_SHARE = 0.01
 """Share of its largest value the normal resultant must exceed for an interface to count as in contact."""
@@ -247,10 +48,13 @@ class Force:
     time: Array
     value: Array
 
-    def peaks(self, requested: float | None) -> tuple[float, float, float]:
-        """Peak force, N, the duration of its mean, s (``requested`` or a share of the contact), and raw peak, N."""
-        duration = self.peak_duration(requested)
-        return self.largest_mean(duration), duration, self.raw_peak()
+    def impulse(self) -> float:
+        """Integral over time, N s."""
+        return float(np.sum(np.diff(self.time) * 0.5 * (self.value[1:] + self.value[:-1])))
+
+    def impulse_of_size(self) -> float:
+        """Integral of the magnitude, N s."""
+        return Force(self.time, np.abs(self.value)).impulse()
 
     def norm(self) -> float:
         """sqrt(integral of value^2 dt), exact for linear pieces."""
@@ -383,6 +187,10 @@ class Force:
         x = -2.0 * a / (b - np.sqrt(max(root, 0.0))) if a > 0.0 else 0.0
         return first + float(np.clip(x, 0.0, 1.0)) * (last - first)
 
+    def begin(self) -> float:
+        """First instant at which the magnitude exceeds ``CONTACT_SHARE`` of its peak, s."""
+        return Force(self.time, np.abs(self.value)).first_above(CONTACT_SHARE * self.raw_peak())
+
     def first_above(self, level: float) -> float:
         """First instant at which the value exceeds ``level`` (N), s; the first of all where it never does."""
         i = int(np.argmax(self.value > level))
@@ -458,11 +266,6 @@ class InterfaceFields:
         wanted = ("gap", "velocity") if motion else ()
         moved = (dataset[name].values if name in dataset else None for name in wanted)
         return cls(time, areas, normals, traction, status, duration, *moved)
-
-    @cached_property
-    def peaks(self) -> tuple[float, float, float]:
-        """Peak force (N), the duration of its mean (s), and the raw peak (N)."""
-        return Force(self.time, normal_resultant(self)).peaks(self.peak_duration)
 
 
 def normal_resultant(fields: InterfaceFields) -> Array:
@@ -548,17 +351,6 @@ AS_A_WHOLE: Final = 0.99
 """Share of the limit of friction from which a joint slips as a whole."""
 
 
-def first_contact_time(fields: InterfaceFields) -> float | None:
-    """First instant at which the normal resultant exceeds 1 % of its peak, after a gap that at which the gap closes,
-    between the instants of the run, s; None if never."""
-    if not _loaded_instants(fields).size:
-        return None
-    size = np.abs(normal_resultant(fields))
-    peak = float(size.max())
-    closing = closing_time(fields, peak)
-    return Force(fields.time, size).first_above(CONTACT_SHARE * peak) if closing is None else closing
-
-
 def closing_time(fields: InterfaceFields, peak: float) -> float | None:
     """Instant at which an initial gap closes, from gap and velocity at the instant before the first contact, s.
 
@@ -580,23 +372,6 @@ def closing_time(fields: InterfaceFields, peak: float) -> float | None:
         wait = float(np.min(np.where(closing > 0.0, gap / closing, np.inf)))
     # the gap has closed by the instant at which there is a force
     return float(min(fields.time[i - 1] + wait, fields.time[i]))
-
-
-def separation_time(fields: InterfaceFields) -> float | None:
-    """Instant from which on the mean of the normal resultant over the peak duration stays below a tenth of the peak
-    force, s; None if the interface is never loaded. The end of the run for one that is loaded there."""
-    if not _loaded_instants(fields).size:
-        return None
-    return Force(fields.time, normal_resultant(fields)).separation(fields.peaks[1])
-
-
-def _loaded_instants(fields: InterfaceFields) -> NDArray[np.intp]:
-    force = np.abs(normal_resultant(fields))
-    peak = force.max(initial=0.0)
-    everything = np.einsum("p,tp->t", fields.areas, np.linalg.norm(fields.traction, axis=2))
-    if peak <= ROUND_OFF * everything.max(initial=0.0):
-        return np.empty(0, dtype=np.intp)
-    return np.flatnonzero(force > CONTACT_SHARE * peak)
 
 
 def status_shares(fields: InterfaceFields) -> Array:
