@@ -159,7 +159,7 @@ def test_a_tolerance_that_leaves_too_much_work_is_lowered() -> None:
     lines: list[str] = []
     choice = choose(latin_fmu.load_scene(MODELS / "hammer_on_plate/scene.toml"), 0.1, 60.0, lines.append)
     assert choice.reached, choice.sentence
-    assert any("Lower solver.tolerance" in line for line in lines)
+    assert any("Reduce solver.tolerance" in line for line in lines)
     assert choice.solution is not None
     assert choice.solution.converged
     assert choice.sentence.endswith("tolerance 0.001")
