@@ -480,7 +480,7 @@ REFUSED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("bolt.b", {"axis": [0, 0, 0]}, ("bolt.b.axis", "direction cannot be zero")),
     ("bolt.b", {"order": 0}, ("bolt.b.order",)),
     ("bolt.b", {"force": -5.0}, ("bolt.b.force",)),
-    ("substructure.bolt", {"rigid": True}, ("bolt.b.substructure", "rigid body cannot be stretched")),
+    ("substructure.bolt", {"rigid": True}, ("bolt.b.substructure", "rigid body cannot elongate")),
     ("substructure.bolt", {"initial_velocity": [0, 0, 1.0]}, ("bolt.b.substructure", "[0, 0, 1.0]", "at rest")),
     ("time", {"start": "given"}, ("time.start", "bolts are tightened")),
     ("material.steel", {"yield_stress": 100e6}, ("bolt.b", "5000 N / 4.53721e-05 m2", "1.102e+08 Pa", "1e+08 Pa")),

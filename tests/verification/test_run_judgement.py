@@ -157,9 +157,9 @@ def test_the_message_on_gained_energy_has_the_numbers_of_its_test() -> None:
     converged, sentence = with_energy(True, "converged", time, energy)
     assert not converged
     assert "until t = 2 s" in sentence
-    assert number(r"together have added ([\d.]+) times the energy put in \(allowed: 0.5 times", sentence) == pytest.approx(
-        0.6
-    )
+    assert number(
+        r"together have added ([\d.]+) times the energy put in \(allowed: 0.5 times", sentence
+    ) == pytest.approx(0.6)
     energy["scheme_dissipation"] = np.array([0.0, -0.9, -0.99])
     assert with_energy(True, "converged", time, energy) == (True, "converged")
 
