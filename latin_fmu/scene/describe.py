@@ -152,7 +152,7 @@ def _kind(annotation: Any) -> str:
         if item.startswith("list of"):
             item = f"lists{item.removeprefix('list')}"
         elif not item.startswith('"'):
-            item = f"{item}s"
+            item = " | ".join(f"{kind}s" for kind in item.split(" | "))
         return f"list of {item}" if parts[-1] is Ellipsis else f"list of {len(parts)} {item}"
     if hasattr(annotation, "__metadata__"):
         return _kind(parts[0])
@@ -172,7 +172,7 @@ def allowed_text(field: FieldInfo | None, item: bool = False) -> str | None:
 
 
 def _one_item(kind: re.Match[str]) -> str:
-    return f"list {kind[2]}" if kind[2] else kind[4]
+    return f"list {kind[2]}" if kind[2] else kind[4].replace("s | ", " | ")
 
 
 def unit_at(root: type[BaseModel], path: str) -> str | None:

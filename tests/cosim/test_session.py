@@ -229,7 +229,7 @@ def test_settings_out_of_range_are_listed():
 
 @pytest.mark.parametrize(
     ("settings", "words"),
-    [(Settings(mode=7), "mode: no such choice"), (Settings(interpolation=9), "inputInterpolation: no such choice")],
+    [(Settings(mode=7), "mode: unknown value"), (Settings(interpolation=9), "inputInterpolation: unknown value")],
 )
 def test_choices_that_are_none_are_refused_at_the_start(settings, words):
     session = Session(blocks(), settings)
@@ -241,7 +241,7 @@ def test_choices_that_are_none_are_refused_at_the_start(settings, words):
 @pytest.mark.parametrize(
     ("times", "values", "words"),
     [
-        ([0.0, 1.0], [0.0], "lists of one length"),
+        ([0.0, 1.0], [0.0], "lists of equal length"),
         ([0.0, math.nan], [0.0, 1.0], "row 2 is not a pair of finite numbers"),
         ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "the times must increase strictly; row 3"),
     ],

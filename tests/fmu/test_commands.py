@@ -103,7 +103,7 @@ def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, cap
     """Laws of the scene act in the FMU; an input does when it is set; without both there is a warning."""
     target, out = tmp_path / "blocks.fmu", tmp_path / "out.csv"
     unmoved = ["load.push.law=input", "load.press.law=input"]
-    nothing = "nothing has acted: every input has stayed 0, and nothing else loads or moves a body"
+    nothing = "no load was applied: all inputs remained 0, and nothing else loads or moves a body"
     for settings, at_making, started, at_running in (
         ([], ["load.press.value = 0.25", "acts in the FMU as in the scene: load push (half_sine)\n"], [], ""),
         (
@@ -116,7 +116,7 @@ def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, cap
         (unmoved, ["the FMU stays at rest"], ["--start", "load.press.value=0.1"], ""),
         (unmoved, ["the FMU stays at rest"], ["--start", "mode=1"], nothing),
         (unmoved, ["the FMU stays at rest"], ["--start", "mode=1", "--start", "historyFile=time,press;0,0;1e-6,1"], ""),
-        (["load={}"], ["warning: nothing loads or moves a body in this FMU"], [], "nothing loads or moves a body"),
+        (["load={}"], ["warning: no load acts in this FMU"], [], "nothing loads or moves a body"),
     ):
         changes = [word for setting in settings for word in ("--set", setting)]
         made = ["fmu", str(scene_file), "-o", str(target), "--reference", "none", *python, *changes]
