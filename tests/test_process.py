@@ -220,7 +220,7 @@ def test_files_that_may_not_grow(place: Path) -> None:
     settings = "--set solver.window=1 --checkpoint 5"
     done = shell(place, f"ulimit -f 4; latin-fmu run scene.toml -o a.nc {settings}")
     assert done.returncode == 4, done.stderr
-    assert "the checkpoint could not be written, the run goes on: " in done.stderr
+    assert "the checkpoint could not be written, the run continues: " in done.stderr
     assert "a.nc: writing failed: " in done.stderr
     assert "Traceback" not in done.stderr
     assert "converged: " in done.stdout

@@ -43,7 +43,7 @@ def test_the_true_error_is_below_the_target(quantity: str, target: float) -> Non
 def test_the_raw_peak_of_a_force_that_jumps_is_refused() -> None:
     choice, true = aimed(impact_bar(), "peak_force_raw", 0.05)
     assert not choice.reached
-    assert "take peak_force, a mean over a stated time" in choice.sentence
+    assert "use peak_force, a time-averaged force" in choice.sentence
     assert true <= choice.error
 
 

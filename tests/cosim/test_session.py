@@ -328,7 +328,7 @@ def test_no_history_is_kept_unless_asked_for():
     tracemalloc.stop()
     assert grown < 50 * 200  # bytes; a step that is kept takes 10 kB
     for what in (session.dataset, session.estimate_error):
-        with pytest.raises(InputError, match=r"not kept.*Settings\(keep=True\)"):
+        with pytest.raises(InputError, match=r"not stored.*Settings\(keep=True\)"):
             what()
     whole = Session(blocks(), Settings(mode=1))
     whole.initialize()
