@@ -138,7 +138,7 @@ class KeptStates(Opened):
 
     def _known(self, handle: int) -> bool:
         if handle not in self.states:
-            self._refused("the host passes a state that this FMU never returned, or that was freed")
+            self._refused("the importer passes a state that this FMU did not return, or that was freed")
         return handle in self.states
 
     def set_state(self, handle: int, phase: memoryview) -> int:
@@ -166,7 +166,7 @@ class KeptStates(Opened):
         if self._known(handle):
             block = self.fmi_instance.to_bytes(self.states[handle])
             if len(block) != target.nbytes:
-                return self._refused(f"the host provides {target.nbytes} bytes for a state of {len(block)} bytes")
+                return self._refused(f"the importer provides {target.nbytes} bytes for a state of {len(block)} bytes")
             target[:] = block
         return self._status()
 
@@ -222,7 +222,7 @@ class Adapter(KeptStates):
         if values.nbytes == 8 * len(numbers) < 8 * len(read):
             read = [self.fmi_instance.get([number])[0] for number in numbers]
         if 8 * len(read) != values.nbytes:
-            return self._refused(f"the host reads {values.nbytes // 8} values of variables that have {len(read)}")
+            return self._refused(f"the importer reads {values.nbytes // 8} values of variables with {len(read)} values")
         self._array(values)[:] = read
         return self._status() if self._messages else OK
 

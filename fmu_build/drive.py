@@ -168,7 +168,7 @@ class Drive:
             if whole and number != int(number):
                 raise ValueError
         except (ValueError, OverflowError):
-            allowed = "a whole number" if whole else f"a value of type {kind}"
+            allowed = "an integer" if whole else f"a value of type {kind}"
             raise InputError([Problem(name, "not a number", str(value)[:80], allowed)]) from None
         getattr(self._fmu, f"set{kind}")(reference, [int(number) if whole else number])
 

@@ -22,7 +22,7 @@ def computable() -> Iterator[None]:
             yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise SolverError(
-            f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "
+            f"arithmetic overflow or underflow with the numbers of the scene ({error.args[-1]}); "
             "check the units of materials, sizes, times and loads"
         ) from error
     except RuntimeError as error:  # how SuperLU reports a singular matrix
@@ -30,6 +30,6 @@ def computable() -> Iterator[None]:
             raise
         raise SolverError(
             "a matrix of the scene is singular: with generalized_alpha nodes of faces that may open have no mass, "
-            "and a body of one layer of elements between such a face and a driven or held one has no other "
-            'free node; take two layers of elements or more, or time.scheme = "hht"'
+            "and a body with one layer of elements between such a face and a driven or fixed one has no other "
+            'free node; use at least two layers of elements, or time.scheme = "hht"'
         ) from error

@@ -298,7 +298,7 @@ def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
         problems.add("mpiexec -n", "more processes than substructures", str(size), f"at most {n}")
     if solver.threads > 1:
         what = "threads and processes cannot be combined"
-        problems.add("solver.threads", what, str(solver.threads), "1", "start more processes instead")
+        problems.add("solver.threads", what, str(solver.threads), "1", "use more processes instead")
     if solver.skip_at_rest == "tolerance":
         what = "substructures of a class are skipped at rest together, but are distributed over processes"
         problems.add("solver.skip_at_rest", what, "tolerance", "off, exact, round_off")

@@ -74,8 +74,8 @@ examples:
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged or not trustworthy (results are marked), 2 bad input,
-            3 the solver cannot continue, 4 an output could not be written where wanted (stderr has its place),
-            5 the memory does not suffice, 6 there are warnings (run, check and explain with --strict),
+            3 the solver cannot continue, 4 an output could not be written to its path (stderr gives the other path),
+            5 insufficient memory, 6 there are warnings (run, check and explain with --strict),
             7 stopped by --max-cpu (results so far are written and marked),
             128 + the number of a signal that ended it (130 interrupted, 143 terminated)
 """
@@ -104,9 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return _told("interrupted", signals.exit_code)
             if not _lacks_memory(error):
                 raise
-            return _told(
-                f"the memory does not suffice: {str(error) or 'an array could not be created'}; {_LESS}", NO_MEMORY
-            )
+            return _told(f"insufficient memory: {str(error) or 'an array could not be created'}; {_LESS}", NO_MEMORY)
 
 
 def _run(words: list[str], signals: StopSignals) -> int:

@@ -170,7 +170,7 @@ class RunClock:
 
     def sentence(self, what: str) -> str:
         """That the limit leaves no time, and what a higher one gives."""
-        return f"the limit of {self.limit:g} s of CPU time leaves no time for them; a higher limit gives {what}"
+        return f"the limit of {self.limit:g} s of CPU time is reached before them; increase the limit to obtain {what}"
 
 
 class MarchedRun(NamedTuple):

@@ -412,14 +412,11 @@ def _fields_of(
         return fields
     try:
         if is_damaged(path):
-            raise OSError("it is damaged: its digest does not fit")
+            raise OSError("it is damaged: its digest does not match")
         with Dataset(str(path)) as file:
             own = str(getattr(file, "unit_system", SI.name))  # an attribute of ``results.groups``, a later layer
             if own != units.name:
-                what, remedy = (
-                    "the file is in other units than the scene",
-                    "run one of the two in the units of the other",
-                )
+                what, remedy = ("the file is in other units than the scene", "use the same units in both scenes")
                 problems.append(Problem("initial_state.file", what, own, units.name, remedy))
                 return fields
             stored = file.groups["substructures"].groups if "substructures" in file.groups else {}
@@ -456,7 +453,7 @@ def _refuse_loaded_contacts(
         largest = float(np.abs(np.asarray(group.variables["traction"][i], dtype=float)).max(initial=0.0))
         if largest > 0.0:
             size = f"{largest:.4g} {units['Pa']}"
-            what = f"the contact {name} carries tractions up to {size} at this instant, and they would be lost"
+            what = f"the contact {name} carries tractions up to {size} at this instant, which would be lost"
             remedy = "choose an instant at which it is open, or continue that run itself from a checkpoint"
             problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", "contacts without load", remedy))
 
@@ -472,7 +469,7 @@ def _at_instant(
         near = ", ".join(f"{t:.9g}" for t in times[max(i - 1, 0) : i + 2])
         what = f"the fields of {name} are not stored at this instant"
         allowed = f"one of {len(times)} instants, the nearest are {near} s"
-        remedy = "choose one of these, or store more of them (output.every)"
+        remedy = "choose one of these, or store more instants (output.every)"
         problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", allowed, remedy))
         return None
     points = np.stack([np.asarray(stored[f"node_{axis}"][:], dtype=float) for axis in "xyz"], axis=1)

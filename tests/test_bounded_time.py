@@ -111,7 +111,7 @@ def test_the_estimate_takes_what_is_left() -> None:
     solution = latin_fmu.solve(described := latin_fmu.scene_from_dict(thrown()))
     estimate = estimate_error(described, solution, max_cpu=1e-9)
     assert not estimate.quantities
-    assert any("the limit of CPU time leaves no time for it" in remark for remark in estimate.remarks)
+    assert any("the limit of CPU time is reached" in remark for remark in estimate.remarks)
     stopped = estimate_error(described, solution, max_cpu=0.02)
     assert any("stopped by its limit of " in remark for remark in stopped.remarks)
     assert estimate_error(described, solution).quantities
@@ -141,8 +141,8 @@ def test_derivatives_and_their_checks_take_what_is_left(monkeypatch: pytest.Monk
     monkeypatch.setattr(Tangents, "march", derived)
     monkeypatch.setattr(attempts.clock, "process_time", lambda: now[0])
     for after, said in (
-        ({"run": 6.0}, "no derivatives: the limit of 5 s of CPU time leaves no time for them"),
-        ({"derivatives": 6.0}, "are not checked: the limit of 5 s of CPU time leaves no time for them"),
+        ({"run": 6.0}, "no derivatives: the limit of 5 s of CPU time is reached before them"),
+        ({"derivatives": 6.0}, "are not checked: the limit of 5 s of CPU time is reached before them"),
         ({}, "the limit of"),
     ):
         now[0], later = 0.0, after
@@ -170,7 +170,7 @@ def test_a_run_that_checks_derivatives_stops_at_the_limit(monkeypatch: pytest.Mo
     assert len(given) == 1
     assert 0.0 < given[0] < 50.0
     assert solution.sensitivities.tried == ()
-    assert any("not checked: the limit of 50 s of CPU time leaves no time for them" in w for w in solution.warnings)
+    assert any("not checked: the limit of 50 s of CPU time is reached before them" in w for w in solution.warnings)
 
 
 @pytest.mark.usefixtures("scene")
@@ -202,7 +202,7 @@ def test_the_coarse_run_of_explain_is_limited(capsys: pytest.CaptureFixture[str]
     assert coarse["interrupted"] == "stopped by its limit of 0.5 s of CPU time"
     assert coarse["findings"][0].startswith(coarse["interrupted"])
     assert main(["explain", "scene.toml", "--max-cpu", "1"]) == 2
-    assert "nothing is run that it could limit" in capsys.readouterr().err
+    assert "has no effect without --run" in capsys.readouterr().err
 
 
 def test_simulations_are_limited(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -237,7 +237,7 @@ def test_the_stability_suite_is_limited(tmp_path: Path, capsys: pytest.CaptureFi
 @pytest.mark.parametrize("text", ["0", "-1", "soon", "inf", "nan"])
 def test_what_is_no_limit_is_refused(text: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(scene), "--max-cpu", text]) == 2
-    assert f"'{text}' is no length of time: a number of seconds > 0" in capsys.readouterr().err
+    assert f"'{text}' is not a duration: give a number of seconds > 0" in capsys.readouterr().err
 
 
 # -- instants that do not converge -------------------------------------------------------------------------------------

@@ -195,7 +195,7 @@ def test_a_checkpoint_that_cannot_be_written_stops_nothing(scene: Path, monkeypa
     monkeypatch.setattr(module.os, "fsync", full)
     lines: list[str] = []
     assert solve(load_scene(scene), checkpoint=Checkpoint("c", every=1, log=lines.append)).complete
-    assert lines == ["the checkpoint could not be written, the run goes on: [Errno 28] No space left on device"]
+    assert lines == ["the checkpoint could not be written, the run continues: [Errno 28] No space left on device"]
 
 
 def test_a_second_run_on_one_checkpoint_is_refused(scene: Path) -> None:
@@ -203,7 +203,7 @@ def test_a_second_run_on_one_checkpoint_is_refused(scene: Path) -> None:
 
     class Second(Checkpoint):
         def check(self, run: Any) -> bool:
-            with pytest.raises(InputError, match=r"another run writes its checkpoint here \(value: process \d+\)"):
+            with pytest.raises(InputError, match=r"another run uses this checkpoint \(value: process \d+\)"):
                 solve(load_scene(scene), checkpoint=first)
             return super().check(run)
 
@@ -222,7 +222,7 @@ def test_the_checkpoint_before_is_used_where_the_last_is_damaged(scene: Path) ->
     Path("c").write_bytes(whole[: len(whole) // 2])
     lines: list[str] = []
     assert solve(load_scene(scene), checkpoint=Checkpoint("c", resume=True, log=lines.append)).complete
-    assert "the checkpoint before it is used" in lines[0]
+    assert "the previous checkpoint is used" in lines[0]
     assert "continued from c.previous" in lines[1]
 
 

@@ -59,7 +59,7 @@ def test_nothing_is_overwritten(taken: str, empty: Path, capsys: pytest.CaptureF
     place = empty / "impact_bar"
     {"file": place.touch, "folder": place.mkdir, "link": lambda: place.symlink_to("nowhere")}[taken]()
     assert main(["demo", "impact_bar"]) == 2
-    assert "this is there already" in capsys.readouterr().err
+    assert "this file or folder already exists" in capsys.readouterr().err
     assert list(empty.iterdir()) == [place]
     assert not (place.is_dir() and list(place.iterdir()))
 

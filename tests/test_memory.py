@@ -112,10 +112,10 @@ def test_what_other_processes_take_is_not_free(tmp_path, capsys, monkeypatch):
     (tmp_path / "scene.toml").write_text(SCENE)
     assert main(["check", str(tmp_path / "scene.toml"), "--set", "time.instants=3000000"]) == 2
     message = capsys.readouterr().err
-    assert "the run does not fit in the memory" in message
+    assert "the run does not fit in the available memory" in message
     assert "allowed: 400 MB (free now, of 25 GB of this machine)" in message
     assert main(["check", str(tmp_path / "scene.toml")]) == 0
-    assert "400 MB may be taken (free now, of 25 GB of this machine)" in capsys.readouterr().out
+    assert "available memory 400 MB (free now, of 25 GB of this machine)" in capsys.readouterr().out
     # the propagator, and the numbers of a scene, do not depend on it
     problem = discretise(load_scene(tmp_path / "scene.toml"))
     monkeypatch.setattr("latin_fmu.machine.free_memory", lambda: 1000)
@@ -139,7 +139,7 @@ def test_what_does_not_fit_is_refused_with_settings_that_do(settings, fits, tmp_
     for command in ("check", "run"):
         assert main([command, str(tmp_path / "scene.toml"), *given]) == 2
         message = capsys.readouterr().err
-        assert "memory: the run does not fit in the memory that it may take (value: about " in message
+        assert "memory: the run does not fit in the available memory (value: about " in message
         assert "allowed: 400 MB (a test)" in message
     assert ("it fits with" in message) == fits
     assert fits or "fewer instants" in message
@@ -157,7 +157,10 @@ def test_a_mesh_beyond_the_limit_of_the_process(tmp_path: Path) -> None:
         tmp_path, "ulimit -v 4000000; latin-fmu run scene.toml --set substructure.left.box.elements=[250,250,250]"
     )
     assert done.returncode == 2, done.stderr
-    assert "substructure.left.box.elements: the matrices of 15625000 elements need more memory" in done.stderr
+    assert (
+        "substructure.left.box.elements: the matrices of 15625000 elements need more than the available memory"
+        in done.stderr
+    )
     assert "RLIMIT_AS, ulimit -v" in done.stderr
     assert "use fewer elements, e.g. [" in done.stderr
 
@@ -175,7 +178,7 @@ def test_a_lack_of_memory_is_a_sentence(tmp_path, capsys, monkeypatch):
 
         monkeypatch.setattr(api, "solve", failing)
         assert main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.nc")]) == 5
-        assert "latin-fmu: the memory does not suffice: " in capsys.readouterr().err
+        assert "latin-fmu: insufficient memory: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -220,7 +220,7 @@ def test_files_that_may_not_grow(place: Path) -> None:
     settings = "--set solver.window=1 --checkpoint 5"
     done = shell(place, f"ulimit -f 4; latin-fmu run scene.toml -o a.nc {settings}")
     assert done.returncode == 4, done.stderr
-    assert "the checkpoint could not be written, the run goes on: " in done.stderr
+    assert "the checkpoint could not be written, the run continues: " in done.stderr
     assert "a.nc: writing failed: " in done.stderr
     assert "Traceback" not in done.stderr
     assert "converged: " in done.stdout
@@ -234,7 +234,7 @@ def test_little_memory_is_a_sentence(place: Path) -> None:
         done = shell(place, f"ulimit -v {limit}; latin-fmu run scene.toml -o a.nc --quiet --no-estimate")
         assert "Traceback" not in done.stderr, done.stderr
         assert done.returncode in (0, 2, 5), (limit, done.stderr)
-        assert done.returncode != 5 or "latin-fmu: the memory does not suffice: " in done.stderr
+        assert done.returncode != 5 or "latin-fmu: insufficient memory: " in done.stderr
         codes.add(done.returncode)
     assert codes >= {0, 5}
 

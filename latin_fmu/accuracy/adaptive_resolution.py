@@ -310,7 +310,7 @@ class _Search:
                     return self._chosen(factor, estimate)
             if self._stagnates():
                 raw = definition_of(estimate.quantity).unlimited
-                remedy = "; take peak_force, a mean over a stated time" if raw else ""
+                remedy = "; use peak_force, a time-averaged force" if raw else ""
                 what = f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
                 return self._refused(what + remedy)
             following, expected_last = self._next(factor, estimate)

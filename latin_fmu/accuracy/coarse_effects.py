@@ -101,13 +101,13 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
     touching, slipping = (float((flags @ history.areas).sum()) for flags in (status != SEPARATION, status == SLIP))
     if touching == 0.0:
         gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} {solution.units['m']}"
-        yield f"interface {name} is open all the time{gap}"
+        yield f"interface {name} is always open{gap}"
         return
     mu, share = history.mu, slipping / touching
     if mu and share <= NEGLIGIBLE:
-        yield f"interface {name}: nothing slips at mu = {mu:g} (at most {100 * share:.2g} % of the contact)"
+        yield f"interface {name}: no point slips at mu = {mu:g} (at most {100 * share:.2g} % of the contact)"
     elif mu and share >= 1.0 - NEGLIGIBLE:
-        yield f"interface {name}: everything slips at mu = {mu:g}, so that the friction force is mu times the pressure"
+        yield f"interface {name}: all points slip at mu = {mu:g}, so that the friction force is mu times the pressure"
     elif mu:
         yield f"interface {name}: {100 * share:.2g} % of the contact slips at mu = {mu:g}"
     open_ = 1.0 - touching / (history.areas.sum() * len(solution.time))

@@ -48,7 +48,7 @@ UNREFINED: Final = (
     "the mesh comes from a file: its share of the error is not estimated; with mesh.refine = 1 the mesh of the file "
     "serves as the coarser one"
 )
-FACETED: Final = "refined meshes keep the facets of their files: the error of a curved shape is not estimated"
+FACETED: Final = "refined meshes keep the facets of their files: the geometry error of curved surfaces is not estimated"
 
 _ORDERS = (-3.0, 8.0)  # range of observed orders
 SOLIDS: Final = 0.7
@@ -392,7 +392,7 @@ def estimate_error(
         budget = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
         # several processes have run for unlike times: each coarser run stops all of them before the same instant
         if budget == 0.0 and processes is None:
-            remarks.append(f"no coarser run ({text}): the limit of CPU time leaves no time for it; give a higher one")
+            remarks.append(f"no coarser run ({text}): the limit of CPU time is reached; increase it")
             continue
         try:
             progress = shares.of(resolution)

@@ -436,7 +436,7 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
         own = {t.group: name for name, t in tables.items() if t.group is not None and scene.base_dir / t.file == path}
         if content is not None and (words := left_out(content, own, scene)):
             text = f"mesh file {path.name}: {', '.join(words)} {'are' if len(words) > 1 else 'is'} not used"
-            yield Remark("deck", f"{text}: write in the scene what matters of it")
+            yield Remark("deck", f"{text}: add the required parts to the scene")
         if content is not None:
             whole = any(t.group is None and scene.base_dir / t.file == path for t in tables.values())
             for sentence in unused_content(content, () if whole else own, taken(content, scene)):
@@ -533,7 +533,7 @@ def build_bodies(
                     f"substructure.{name}.bending_modes",
                     "the mesh has no 8-node hexahedra",
                     ", ".join(mesh.cell_types),
-                    remedy="leave the key out",
+                    remedy="omit the key",
                 )
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description, units=scene.unit_system)

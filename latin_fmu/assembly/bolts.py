@@ -485,7 +485,7 @@ class _Section:
                 f"no section of {self._body.name} across the axis is free of interfaces and held nodes: "
                 f"{_stretches(self._body, self._axis, named | {'held nodes': held})}",
                 shown(self._bolt.axis),
-                "a shank with a layer of nodes between its ends that are in no interface and held by no condition",
+                "a shank with a layer of free nodes between its ends, without interface or boundary condition",
                 "check the axis; let an interface take the threaded faces alone, not the whole shank; or refine the "
                 "mesh of the shank along the axis",
             )
@@ -499,7 +499,7 @@ class _Section:
                 f"the plane of the cut meets no element of {self._body.name}",
                 f"plane at {level * self._length + self._bottom:.6g} {self._body.units['m']} along the axis",
                 f"between {low:.6g} and {high:.6g} {self._body.units['m']}, half an element inside",
-                "move the point, or leave it out",
+                "move the point, or omit it",
             )
             return None
         facets = self._one_section(chosen, problems)
@@ -587,7 +587,7 @@ class _Section:
             f"the nearest section of {self._body.name} on the plane of the cut is {distances[nearest]:.4g} "
             f"{self._body.units['m']} away",
             shown(point),
-            "a point on the shank, or no farther from it than it is wide",
+            "a point on the shank, or within one width of the shank",
             f"the section has a point at [{near}]",
         )
         return None
@@ -605,7 +605,7 @@ class _Section:
                 f"no shank along the axis: the section of {self._body.name} is {width:.4g} {length} wide, the body "
                 f"{self._length:.4g} {length} long along the axis",
                 shown(self._bolt.axis),
-                "a section no wider than the body is long",
+                "a section that is not wider than the length of the body",
                 "give the axis of the shank",
             )
             return False

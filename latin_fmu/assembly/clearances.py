@@ -265,7 +265,7 @@ class _Gap(_Distance):
             return Opening(np.zeros(len(distance)))
         self.problems.add(
             f"interface.{self.name}.gap",
-            "the faces are too far apart, or overlap too much, to count as closed",
+            "gap or overlap of the faces too large for closed faces",
             f"{distance.min():.4g} to {distance.max():.4g} {self.length}",
             f"up to the node spacing, {spacing:.4g} {self.length}",
             'move the meshes together, or use gap = "measured"',

@@ -240,7 +240,7 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.add(
                 f"boundary.{name}",
-                "drives nodes already held or driven by another condition",
+                "drives nodes that another condition already fixes or drives",
                 boundary.face,
                 remedy="shared edges belong to one condition: leave the component out of one of them",
             )
@@ -417,10 +417,10 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     if values.size and np.abs(rows @ motions - values).max() > _ROUND_OFF:
         problems.add(
             f"substructure.{body.name}.rigid",
-            "a rigid body cannot follow its boundary conditions",
+            "the boundary conditions are incompatible with a rigid body",
             ", ".join(boundaries),
-            "motions that a rigid body can make",
-            "hold or drive it through faces that move together, or leave it elastic",
+            "rigid body motions",
+            "fix or drive it through faces that move together, or make it elastic",
         )
     free = _null_space(rows)
     basis = np.concatenate([free, motions], axis=1)

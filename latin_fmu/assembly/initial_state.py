@@ -50,12 +50,12 @@ def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[R
                 counts = f"the mesh of {name} in {file.file} has {len(file.points)} nodes, that of the scene "
                 counts += f"{body.mesh.n_node}"
                 if len(file.points) < body.mesh.n_node:
-                    remedy = "take the results of a run with the same mesh, or write the field at the nodes of this one"
+                    remedy = "use the results of a run with the same mesh, or give the field at the nodes of this mesh"
                     problems.append(Problem("initial_state.file", counts, None, "the same mesh", remedy))
                     break  # the other field is of the same file
                 # said once, not for both fields
                 if key == "initial_velocity_field":
-                    text = f"initial state: {counts}: the values at common nodes are taken"
+                    text = f"initial state: {counts}: the values at common nodes are used"
                     remarks.append(Remark("initial_state", text))
             distance, number = nearest(body.mesh.nodes, np.asarray(file.points, dtype=float))
             spacing = _smallest_distance(body.mesh.nodes)

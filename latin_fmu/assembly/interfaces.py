@@ -466,7 +466,7 @@ def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) 
     many = int(nearest_ones.sum())
     where = "at one point" if many == 1 else f"along an edge ({many} points)"
     return [
-        f"interface {name}: its faces meet {where} only, of {len(gap)} points: the pressure there has no limit under "
+        f"interface {name}: its faces touch only {where}, of {len(gap)} points: the pressure there has no limit under "
         "refinement of the mesh, forces and impulses have; round the edge, or turn a face if they should be parallel"
     ]
 

@@ -387,7 +387,7 @@ def scheme_remarks(
             courant[name] = dt / crossing
         if scheme.landing_damping > 0.0 and name in landing and share > _THICK:
             remarks.append(
-                f"substructure {name}: {100 * share:.0f} % of its elements {_TOUCH}, and take energy from waves "
+                f"substructure {name}: {100 * share:.0f} % of its elements {_TOUCH}; their viscosity damps waves "
                 f"(landing_damping = {scheme.landing_damping:g}): refine its mesh, or set landing_damping = 0"
             )
         if scheme.massless_contact:
@@ -470,7 +470,7 @@ def _unfit(
         return [
             f"time.scheme massless_contact at Courant number {largest:.2g} of the contact faces (stable up to "
             f"{_MASSLESS:g}): it gains energy at impacts: "
-            f"{_remedy(scene, bodies, units, bool(landing))}, or take smaller steps"
+            f"{_remedy(scene, bodies, units, bool(landing))}, or use smaller steps"
         ]
     # the smallest: the peak of a landing grows as the step shrinks
     lowest = min((c for n, c in courant.items() if n in landing), default=np.inf)

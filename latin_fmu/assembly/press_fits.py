@@ -120,7 +120,7 @@ def strain_remark(
         raise SceneError.of(
             "the scene cannot be built",
             f"interface.{deepest}.interference",
-            f"the press fit strains {worst} by more than linear elasticity holds for",
+            f"the press fit strains {worst} beyond the range of linear elasticity",
             f"{largest[worst]:.2g} with an interference of {found[deepest]:.4g} {length}",
             f"at most {LARGEST_STRAIN:g}",
             'correct the diameters, or set overlap = "ignore" where the meshes overlap on purpose',
@@ -136,7 +136,7 @@ def loose_remarks(units: list[InterfaceUnit], traction: Mapping[str, Array], sca
     traction : (n_point, n_component) by interface, Pa. scale : traction that the fits can bring, Pa.
     """
     loose = [name for name in fits(units) if np.abs(traction[name][:, 0]).max(initial=0.0) <= _NOTHING * scale]
-    text = "carries nothing: nothing holds its bodies against each other, and they move apart by the interference"
+    text = "carries no force: its bodies are not supported against each other and separate by the interference"
     return [Remark("overlap", f"press fit {name} {text}; hold both of them") for name in loose]
 
 

@@ -309,9 +309,7 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
     chosen = fitting(classes, requested)
     if chosen.kind == requested.kind:
         return requested, []
-    return chosen, [
-        "the factors do not fit in the memory of this machine: conjugate gradients are used, which are slow"
-    ]
+    return chosen, ["the factors do not fit in the memory of this machine: slower conjugate gradients are used"]
 
 
 def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[str]]:
@@ -329,12 +327,12 @@ def modes_refused(scene: Scene, restricted: bool) -> list[str]:
     reasons = {
         "without inertia there are no modes": scene.time.quasi_static,
         f"time.scheme {scene.time.scheme.type} is one of bodies": scene.time.scheme.type in _OF_BODIES,
-        "dashpots of an absorbing face are not followed by modes": any(
+        "modes do not represent the dashpots of an absorbing face": any(
             b.type == "absorbing" for b in scene.boundary.values()
         )
         or any(port.causality == "wave" for port in scene.port.values()),
         "windows of several instants are marched body by body": scene.solver.window != 1,
-        "laws of the caller, derivatives, observers and several processes take the bodies one by one": restricted,
+        "user-defined laws, derivatives, observers and several processes need the march of single bodies": restricted,
     }
     return [reason for reason, holds in reasons.items() if holds]
 
@@ -376,7 +374,7 @@ def box_memory(scene: Scene) -> list[Problem]:
     return [
         Problem(
             f"substructure.{name}.box.elements",
-            f"the matrices of {cells[name]} elements need more memory than the process may take",
+            f"the matrices of {cells[name]} elements need more than the available memory",
             f"at least {needed / 1e9:.3g} GB",
             f"{max(room, 0.0) / 1e9:.3g} GB ({limit})",
             f"use fewer elements, e.g. [{largest}, {largest}, {largest}]",

@@ -21,7 +21,7 @@ from .body import Body
 from .models import approaches
 
 SOFT: Final = (
-    'behaviour = "soft_contact" with the normal_stiffness of what is soft between them, or rigid = false for one of '
+    'behaviour = "soft_contact" with the normal_stiffness of the compliance between them, or rigid = false for one of '
     "them"
 )
 """What gives an impact of rigid bodies a stiffness."""
@@ -53,10 +53,10 @@ def rigid_landings(scene: Scene, bodies: Mapping[str, Body], units: Sequence[Int
         how = f"a gap of {gap:.6g} {scene.unit_system['m']}" if gap > 1e-9 * size else "sides that approach each other"
         yield Problem(
             f"interface.{unit.name}",
-            f"{' and '.join(unit.sides)} are rigid and meet with a speed, and nothing says how they rebound: it would "
+            f"{' and '.join(unit.sides)} are rigid and impact, and nothing says how they rebound: this would "
             "depend on the time step",
             how,
-            "a layer or an elastic body on one side where bodies land; faces that are closed and stay so need neither",
+            "a layer or an elastic body on one side of an impact; faces that remain closed need neither",
             SOFT,
         )
 

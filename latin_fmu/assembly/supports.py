@@ -176,7 +176,7 @@ class Directions:
             if solution is None:
                 problems.add(
                     f"boundary.{[name for _, _, name in rows if name][-1]}",
-                    "drives nodes already held or driven by another condition",
+                    "drives nodes that another condition already fixes or drives",
                     remedy="shared edges belong to one condition: leave the component out of one of them",
                 )
                 return {}
@@ -186,7 +186,7 @@ class Directions:
             problems.add(
                 f"boundary.{self.rows[min(shared)][0][2]}",
                 "turns nodes of a periodic face",
-                remedy="periodic faces take no conditions along axes of their own",
+                remedy="periodic faces allow no conditions along local axes",
             )
             return {}
         return found

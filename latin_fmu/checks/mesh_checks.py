@@ -86,10 +86,10 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
             if not (where.startswith("boundary.") and isinstance(scene.boundary[where.split(".")[1]], Fixed)):
                 problems.add(
                     where,
-                    "these nodes are edges or points, which have no area",
+                    "this node set is an edge or a point and has no area",
                     f"{side}, {len(mesh.points[face])} nodes",
                     ", ".join(faces) or None,
-                    'an edge or point may be held: [boundary.NAME] type = "fixed"',
+                    'an edge or point can be fixed: [boundary.NAME] type = "fixed"',
                 )
             continue
         if face not in faces and face != ALL_OF_IT:
@@ -112,7 +112,7 @@ def redundancy_remarks(scene: Scene) -> list[str]:
         if first != name:
             remarks.append(
                 f"interfaces {first} and {name} join the same faces: their total force is unique, "
-                "its distribution between them is not"
+                "but its distribution between them is not"
             )
     return remarks
 
@@ -129,9 +129,9 @@ def modal_damping_remarks(bodies: Mapping[str, Body], units: Iterable[InterfaceU
     if not joined:
         return []
     return [
-        f"substructure {', '.join(joined)}: modal_damping is that of the modes of a body with free interfaces; a mode "
-        "of the assembly has another ratio, often a smaller one, which latin-fmu modes prints; for a ratio of the "
-        "assembly give damping_ratios to the material, or [damping] ratio"
+        f"substructure {', '.join(joined)}: modal_damping applies to the modes of a body with free interfaces; a mode "
+        "of the assembly has another, often smaller ratio, which latin-fmu modes prints; to set the ratio of the "
+        "assembly, give damping_ratios of the material, or [damping] ratio"
     ]
 
 
@@ -142,8 +142,8 @@ def lumping_remarks(bodies: dict[str, Body]) -> list[str]:
     1 % with linear cells and 10-node tetrahedra, 0.01 % with 27 nodes.
     """
     return [
-        f"substructure {name}: {words} in an explicit march: with their lumped masses a force on a face "
-        f"excites oscillations of single nodes; use {better} nodes, or an implicit scheme"
+        f"substructure {name}: {words} with explicit time integration: because of their lumped masses a force on a "
+        f"face excites oscillations of single nodes; use {better} nodes, or an implicit scheme"
         for name, body in bodies.items()
         for kind, words, better in (
             ("hexahedron20", "20-node hexahedra", "8 or 27"),
@@ -168,11 +168,11 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
         if error > _SAMPLING:
             smooth = isinstance(law, HalfSineLaw)
             remarks.append(
-                f"{where}: its time integral, sampled at the instants, has an error of {100 * error:.2g} % "
+                f"{where}: its time integral, sampled at the time steps, has an error of {100 * error:.2g} % "
                 + (
                     f"(a step of {float(time[1] - time[0]):.3g} s is too long for this law): use smaller steps"
                     if smooth
-                    else "(jumps between instants): place the jumps on instants, or use smaller steps"
+                    else "(jumps within a step): place the jumps at ends of steps, or use smaller steps"
                 )
             )
     return remarks
@@ -210,7 +210,7 @@ def size_remarks(bodies: Mapping[str, Body]) -> list[Remark]:
     if body.description.mesh is None:
         return [Remark("size", f"{message}: is its size in {units['m']}?")]
     scale = body.description.mesh.scale
-    question = f"is scale = {scale:g} the length of a unit of its mesh file in {units['m']} (1e-3 for mm in a scene "
+    question = f"is scale = {scale:g} the length unit of its mesh file in {units['m']} (1e-3 for mm in a scene "
     question += "in m)?"
     return [Remark("size", f"{message}: {question}")]
 
@@ -255,9 +255,9 @@ def _bending_message(walls: Walls, stiff: set[str], body: Body) -> str | None:
         return None
     thickness, times = walls.thickness[coarse], walls.length[coarse] / walls.thickness[coarse]
     return (
-        f"linear elements {np.median(times):.2g} times as long as the wall of "
-        f"{np.median(thickness):.3g} {body.units['m']} is thick: "
-        f"in bending it would be about {100 * float(np.median(excess[coarse])):.0f} % too stiff"
+        f"linear elements {np.median(times):.2g} times as long as the wall thickness of "
+        f"{np.median(thickness):.3g} {body.units['m']}: "
+        f"the body is about {100 * float(np.median(excess[coarse])):.0f} % too stiff in bending"
     )
 
 

@@ -94,8 +94,8 @@ def _bar_speed(m: MaterialTable) -> float:
 
 def _material_remarks(scene: Scene) -> Iterator[Remark]:
     if (meant := meant_system(scene)) is not None:
-        text = f"the materials have the values of solids in {meant.name}, the scene is in {scene.units}: where all its"
-        yield Remark("size", f'{text} numbers are in these units, write units = "{meant.name}"')
+        text = f"the values of the materials are plausible in {meant.name}, the scene is in {scene.units}: if all its"
+        yield Remark("size", f'{text} numbers are in {meant.name}, write units = "{meant.name}"')
         return
     units = scene.unit_system
     for name, m in _elastic_materials(scene).items():
@@ -107,9 +107,7 @@ def _material_remarks(scene: Scene) -> Iterator[Remark]:
             yield Remark("material", f"{where} no solid has a density of {doubt}")
         # E and rho may each be possible, and wrong together
         elif not question and not SPEED[0] <= units.size("m s-1") * speed <= SPEED[1]:
-            text = (
-                f"a speed of waves sqrt(E / rho) of {speed:.3g} {units['m s-1']} is that of no solid: check both units"
-            )
+            text = f"no solid has a wave speed sqrt(E / rho) of {speed:.3g} {units['m s-1']}: check the units of both"
             yield Remark("material", f"{where} {text}")
 
 
@@ -121,7 +119,7 @@ def _doubt(value: float, allowed: tuple[float, float], unit: str, units: UnitSys
         return ""
     for name, factor in _MODULI if unit == "Pa" else _DENSITIES:
         if allowed[0] <= value * factor <= allowed[1]:
-            return f"{value:g} {label}: is it in {name}? Then write {value * factor / size:g} ({label})"
+            return f"{value:g} {label}: if it is in {name}, write {value * factor / size:g} ({label})"
     return f"{value:g} {label} (solids: {allowed[0] / size:g} to {allowed[1] / size:g} {label}): check its unit"
 
 
@@ -130,7 +128,7 @@ def _friction_remarks(units: list[InterfaceUnit]) -> Iterator[Remark]:
         mu = float(getattr(unit.behaviour, "friction_coefficient", 0.0) or 0.0)
         if mu > FRICTION:
             text = f"a friction coefficient of {mu:g} is above that of all dry pairs (up to {FRICTION:g})"
-            remedy = f"is it in per cent? Then write {mu / 100:g}; for sides that never slide take behaviour no_slip"
+            remedy = f"if it is in per cent, write {mu / 100:g}; for sides that never slide use behaviour no_slip"
             yield Remark("friction", f"interface {unit.name}: {text}: {remedy}")
 
 
@@ -141,8 +139,8 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
         body = bodies[substructure]
         inside = [n for n, i in scene.interface.items() if load.face in i.sides]
         if inside:
-            text = f"its face {load.face} is a side of interface {inside[0]}: it acts between the two bodies, not from"
-            yield Remark("load", f"load {name}: {text} outside; choose a free face if that is not meant")
+            text = f"its face {load.face} is a side of interface {inside[0]}: it acts between the two bodies and is not"
+            yield Remark("load", f"load {name}: {text} external; choose a free face if this is not intended")
         if isinstance(load.law, InputLaw) or body.rigid:
             continue
         modulus = body.shape.elasticity.young_moduli[0]
@@ -181,7 +179,7 @@ def _gap_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> Iter
         gap = float(unit.geometry.gap.min())
         if gap > _GAP * size:
             text = f"a gap of {gap:.4g} {length} between bodies of {size:.4g} {length}: "
-            text += f"{'is it in mm, or ' if length == 'm' else ''}does a mesh stand elsewhere?"
+            text += f"{'is it in mm, or ' if length == 'm' else ''}is a mesh misplaced?"
             yield Remark("gap", f"interface {unit.name}: {text}")
 
 
@@ -191,7 +189,7 @@ def _unjoined_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) ->
     distance, first, second = min(
         (between(bodies[a], bodies[b]), a, b) for a, b in combinations(list(bodies)[:_MOST_BODIES], 2)
     )
-    text = f"no interface joins the bodies: they move through each other without contact; {first} and {second} are "
+    text = f"no interface joins the bodies: they penetrate each other without contact; {first} and {second} are "
     text += f"{distance:.4g} {bodies[first].units['m']} apart (between nodes): add an [interface.NAME], "
     text += "or a [contact.NAME] with a larger search"
     yield Remark("unjoined", text)
@@ -212,11 +210,11 @@ def _step_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     low, high = min(courant, key=courant.__getitem__), max(courant, key=courant.__getitem__)
     # even the body with the longest way in a step
     if courant[high] < _COURANT[0]:
-        text = f"a wave takes {1 / courant[high]:.2g} steps through an element of {high}: longer steps cost less and"
-        yield Remark("step", f"time step {problem.dt:.3g} s: {text} lose nothing, the mesh sets the error")
+        text = f"a wave takes {1 / courant[high]:.2g} steps to cross an element of {high}: longer steps cost less at"
+        yield Remark("step", f"time step {problem.dt:.3g} s: {text} the same accuracy, which the mesh limits")
     elif courant[low] > _COURANT[1] and waves_count(scene, problem.bodies, problem.units, problem.time):
         text = f"a wave crosses {courant[low]:.2g} elements of {low} in a step: waves are not resolved"
-        yield Remark("step", f"time step {problem.dt:.3g} s: {text}; take smaller steps if they matter")
+        yield Remark("step", f"time step {problem.dt:.3g} s: {text}; use smaller steps if waves matter")
 
 
 def _pieces(name: str, body: Body) -> Iterator[Remark]:
@@ -234,11 +232,11 @@ def _pieces(name: str, body: Body) -> Iterator[Remark]:
     largest = piece == np.bincount(piece).argmax()
     distance, _ = nearest(body.mesh.nodes[~largest], body.mesh.nodes[largest])
     twice = int((distance <= _COINCIDENT * body.mesh.size).sum())
-    text = f"substructure {name}: its mesh is in {count} pieces that share no node"
+    text = f"substructure {name}: its mesh consists of {count} pieces without common nodes"
     if twice:
         text += (
-            f", {twice} nodes of which lie on nodes of another piece: it is torn there; merge the duplicate nodes of"
+            f"; {twice} nodes coincide with nodes of another piece: the mesh is torn there; merge its duplicate nodes,"
         )
-        yield Remark("torn", f"{text} the mesh, or make the pieces parts with a perfect interface")
+        yield Remark("torn", f"{text} or make the pieces separate parts with a perfect interface")
     else:
-        yield Remark("torn", f"{text} and do not touch: make them parts of their own, with interfaces between them")
+        yield Remark("torn", f"{text} that do not touch: make them separate parts, with interfaces between them")

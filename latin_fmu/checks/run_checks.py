@@ -135,15 +135,15 @@ def small_motion_remarks(
         slip = _slip_in_contact(history, time, edge)
         if slip > edge:
             remarks.append(
-                f"interface {history.name}: its sides slip by {slip:.3g} {length} while in contact, over elements of "
-                f"{edge:.3g} {length}; pairs of points are fixed, so that the pressure does not move with the sliding "
-                "face"
+                f"interface {history.name}: its sides slip by {slip:.3g} {length} in contact, more than the element "
+                f"size of {edge:.3g} {length}; contact points keep their pairing, so that the pressure does not move "
+                "with the sliding face"
             )
     for name, end in ends.items():
         if LARGEST_ROTATION < end.degrees <= LARGEST_TURN:  # beyond, the run is not trustworthy (``faults_of``)
             remarks.append(
-                f"substructure {name} has turned by {end.degrees:.3g} degrees at the end: strains and contact normals "
-                f"are those of small rotations, valid up to about {LARGEST_ROTATION:g} degrees"
+                f"substructure {name} has rotated by {end.degrees:.3g} degrees at the end: strains and contact normals "
+                f"assume small rotations, up to about {LARGEST_ROTATION:g} degrees"
             )
     return remarks
 
@@ -156,8 +156,8 @@ def strain_remarks(problem: SolverReadyProblem, ends: Mapping[str, BodyEnd]) -> 
         strain = _largest_strain(problem.info[name], end, clamps)
         if strain > LARGEST_STRAIN:
             remarks.append(
-                f"substructure {name} is strained by {100 * strain:.2g} % at the end: strains are taken as small, "
-                f"valid up to about {100 * LARGEST_STRAIN:g} %; check the units of loads and materials"
+                f"substructure {name} has a strain of {100 * strain:.2g} % at the end: the model assumes small "
+                f"strains, up to about {100 * LARGEST_STRAIN:g} %; check the units of loads and materials"
             )
     return remarks
 
@@ -195,11 +195,11 @@ def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStr
     more = [f"{name} ({words})" for name, words in zip(over[1:], others, strict=True)]
     more[_NAMED:] = [f"{len(more) - _NAMED} more"] if len(more) > _NAMED else []
     return [
-        f"substructure {over[0]} is beyond its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
+        f"substructure {over[0]} exceeds its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
         f"at least {first}, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
         + (f"; also {', '.join(more)}" if more else "")
-        + ". The model is elastic: beyond yield its stresses and forces are too large and nothing stays bent; lower "
-        "the loads, or take the results there for an estimate"
+        + ". The model is elastic: beyond yield it overestimates stresses and forces and has no permanent deformation; "
+        "reduce the loads, or use the results there as an estimate only"
     ]
 
 
@@ -258,7 +258,7 @@ def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSyst
     return [
         f"interface {name}: its sides never touch in this run"
         + ("" if history.gap is None else f" (smallest gap {float(history.gap.min()):.4g} {units['m']})")
-        + ": check the gap, the direction of the motion and time.end, or take it out of the scene, which costs less"
+        + ": check the gap, the direction of the motion and time.end, or remove the interface to reduce the cost"
         for name, history in histories.items()
         if history.contact_status is not None
         and history.contact_status.size
@@ -330,16 +330,15 @@ def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory],
         drift = u[second] - u[first]
         # the trapezoid rule takes half a step of the jump at t = 0
         apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
-        share = f"{apart:.3g} {units['m']}, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
+        share = f"{apart:.3g} {units['m']}, {100 * apart / moved:.2g} % of the largest interface displacement"
         if min(apart, rest) > _DRIFT * moved:
             remarks.append(
-                f"bonded interface {unit.name}: its sides have drifted apart by {share}: lower solver.tolerance"
+                f"bonded interface {unit.name}: its sides have drifted apart by {share}: reduce solver.tolerance"
             )
         elif apart > _DRIFT * moved:
             remarks.append(
                 f"bonded interface {unit.name}: its sides are apart by {share}: half a step times the jump of their "
-                "initial velocities, whatever the tolerance; take smaller steps, or give both sides the same initial "
-                "velocity"
+                "initial velocities, at any tolerance; use smaller steps, or give both sides the same initial velocity"
             )
     return remarks
 
@@ -429,7 +428,7 @@ def _wrench(nodes: Array, forces: Array) -> Array:
 def balance_words(by_body: Mapping[str, Resultants]) -> str:
     """How far the forces on every body are in balance, for the status of a run; empty where nothing is known."""
     if by_body and all(r.vanishes for r in by_body.values()):
-        return "; no force on any body beyond round-off"
+        return "; forces on all bodies within round-off"
     largest = max((r.largest for r in by_body.values()), default=0.0)
     off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in by_body.values()), default=0.0)
     return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
@@ -440,7 +439,7 @@ def balance_remarks(by_body: Mapping[str, Resultants], tolerance: float, units: 
     largest = max((r.largest for r in by_body.values()), default=0.0)
     return [
         f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
-        f"({off:.3g} {units['N']}): lower solver.tolerance"
+        f"({off:.3g} {units['N']}): reduce solver.tolerance"
         for name, r in by_body.items()
         if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest + r.round_off
     ]
@@ -501,16 +500,16 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
         of = f"the shortening of bolt {clamps[whose[worst]].cut.name}" if whose[worst] >= 0 else "the elastic approach"
         at = ", ".join(f"{x:.4g}" for x in history.points[worst])
         words = (
-            f"interface {name}: {int(deep.sum())} of {len(sunk)} points that never opened have sunk, at [{at}] by "
-            f"{sunk[worst]:.3g} {length}, {percent(SUNK * sunk[worst] / allowed[worst])} "
-            f"of {of} (allowed: {percent(SUNK)}), so that the clamp force is wrong: {_finer(problem)}"
+            f"interface {name}: excessive penetration at {int(deep.sum())} of {len(sunk)} points that never opened, at "
+            f"[{at}] by {sunk[worst]:.3g} {length}, {percent(SUNK * sunk[worst] / allowed[worst])} "
+            f"of {of} (allowed: {percent(SUNK)}); the clamp force is inaccurate: {_finer(problem)}"
         )
         yield Sinking(words, fault=True)
 
 
 def _finer(problem: SolverReadyProblem) -> str:
     """The remedy for errors of the iteration."""
-    return f"lower solver.tolerance, as to {0.1 * problem.settings.tolerance:g}"
+    return f"reduce solver.tolerance, for example to {0.1 * problem.settings.tolerance:g}"
 
 
 def _released(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], name: str) -> Release | None:
@@ -548,9 +547,9 @@ def _strayed(problem: SolverReadyProblem, history: InterfaceHistory, time: Array
     if not share <= TOLD:  # NaN, too
         fault, depth = not share <= STRAYED, readable(float(history.sunk().max()), problem.unit_system.label("m"), 3)
         yield Sinking(
-            f"interface {history.name}: loads alone press its sides together, which have approached by {depth} where "
-            f"they stayed closed; by the inertia of that the force between them is off by {percent(share)} of its "
-            f"largest value in the mean over a few steps, at single instants by more"
+            f"interface {history.name}: its sides, pressed together by loads alone, have approached by {depth} at "
+            f"points that stayed closed; the inertia of this motion changes the force between them by {percent(share)} "
+            "of its largest value in the mean over a few steps, at single instants by more"
             + (f" (allowed: {percent(STRAYED)})" if fault else "")
             + f": {_finer(problem)}",
             fault,
@@ -581,9 +580,9 @@ def _open(account: Account | None, joule: str) -> Iterator[str]:
     if account is not None and not abs(account.open) <= OPEN * account.largest + account.negligible:
         share = abs(account.open) / account.largest if account.largest > 0.0 else np.inf
         yield (
-            f"energy: the account of the bodies is open by {account.open:.3g} {joule} at the end, {percent(share)} of "
-            f"its largest term, {account.largest:.3g} {joule} (allowed: {percent(OPEN)}): the numbers are beyond the "
-            "precision; take smaller steps, and check the units of times and loads"
+            f"energy: the balance of the bodies has a residual of {account.open:.3g} {joule} at the end, "
+            f"{percent(share)} of its largest term, {account.largest:.3g} {joule} (allowed: {percent(OPEN)}): the "
+            "numbers exceed the floating-point precision; use smaller steps, and check the units of times and loads"
         )
 
 
@@ -594,7 +593,7 @@ def _turned(ends: Mapping[str, BodyEnd]) -> Iterator[str]:
         worst = max(far, key=lambda name: far[name])
         others = "" if len(far) == 1 else f" (and {len(far) - 1} more bodies by more than {LARGEST_TURN:g})"
         yield (
-            f"substructure {worst} has turned by {far[worst]:.3g} degrees at the end{others}, where strains and "
-            f"contact normals are those of small rotations (allowed: {LARGEST_TURN:g} degrees): end the run before, by "
-            "time.end, or hold what turns"
+            f"substructure {worst} has rotated by {far[worst]:.3g} degrees at the end{others}; strains and contact "
+            f"normals assume small rotations (allowed: {LARGEST_TURN:g} degrees): end the run earlier by time.end, or "
+            "support the rotating body"
         )

@@ -226,7 +226,7 @@ LIMITED with ``--max-cpu``."""
 
 Json = Annotated[bool, Option("print JSON, and nothing else, on stdout")]
 Quiet = Annotated[bool, Option("no progress", flags="-q")]
-Strict = Annotated[bool, Option(f"exit code {REMARKED} where there are warnings; everything else is as without it")]
+Strict = Annotated[bool, Option(f"exit code {REMARKED} if there are warnings; no other effect")]
 """Options of several commands."""
 
 _TWICE: Final = (signal.SIGINT, signal.SIGTERM)  # of which a second one interrupts at once
@@ -350,7 +350,7 @@ class OfScene:
     overrides: Annotated[
         tuple[str, ...], Option("change one setting of the scene; may be repeated", "a.b.c=value", "--set")
     ] = ()
-    no_limit: Annotated[bool, Option("libraries read mesh files without limits of processor time and memory")] = False
+    no_limit: Annotated[bool, Option("no limits of CPU time and memory for libraries that read mesh files")] = False
 
     def read_scene(self) -> Scene:
         """The scene that SCENE names, with the settings of ``--set``."""
@@ -385,7 +385,7 @@ def seconds(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is no length of time: a number of seconds > 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a duration: give a number of seconds > 0")
     return value
 
 

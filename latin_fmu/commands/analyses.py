@@ -33,7 +33,7 @@ A file of a recorder (text, universal file) is read as the law of a load is, and
 are in m/s2. Histories of a run are straight lines between their instants.
 
 Writes STEM.csv, STEM.nc and, of results, STEM.png. Without options the spectra that the scene requests
-(sensor.NAME.spectrum) are taken, with their estimated error where the run has one.
+(sensor.NAME.spectrum) are used, with their estimated error if the run has one.
 """
 _EXPORT_EXAMPLES = """\
 examples:
@@ -51,13 +51,13 @@ examples:
 Joints of interfaces that may open: sticking joins points that are closed at the start (along the face, too, where
 there is friction), open joins none, bonded joins all. In a scene with bolts or a static start, sticking joins the
 points that these press, and open leaves the shanks free to slide. Perfect interfaces and couplings are always joined,
-elastic layers and springs have their stiffness; damping, viscous joints, absorbing boundaries and loads are left out,
-driven faces are held.
+elastic layers and springs have their stiffness; damping, viscous joints, absorbing boundaries and loads are ignored,
+driven faces are fixed.
 
 The table has the effective mass of each mode for a base that moves along x, y or z, in % of the mass of the assembly,
 and the damping ratio, in % of critical, that a run of the scene gives each mode: of the time scheme with the
 step of the scene, of the viscous layer at faces that may open (landing_damping), and of Rayleigh damping, dampers,
-viscous joints, absorbing faces and wave ports where the scene has some. A line says what lowers the first two where
+viscous joints, absorbing faces and wave ports if the scene has any. A line states how to reduce the first two if
 they exceed 0.005 %.
 """
 _BACKBONE_EXAMPLES = """\
@@ -79,12 +79,12 @@ examples:
   latin-fmu frf scene.toml --drive tip.z --drive shock --kind receptance --highest 5000 -o tip
 
 The assembly is linear: its joints sticking, open or bonded, as for modes. A drive is base.x, base.y or base.z
-(everything that holds the assembly moves along an axis: transmissibility), SENSOR.x, SENSOR.y or SENSOR.z (a unit force
+(all supports of the assembly move along an axis: transmissibility), SENSOR.x, SENSOR.y or SENSOR.z (a unit force
 there) or a load of the scene, scaled to a resultant of 1. Without --drive the base moves along each axis.
 
-Modes up to 1.5 times the highest frequency are taken, and the static response to each drive stands for the others.
-Damping is a ratio of critical of all modes (--damping 0.02), one of each (--damping 0.01,0.02, the last one for the
-rest), or what the scene has: Rayleigh damping, dampers, viscous joints, absorbing faces. Friction is not in it.
+Modes up to 1.5 times the highest frequency are used; the static response to each drive represents the others.
+Damping is a common ratio of all modes (--damping 0.02), a ratio of each mode (--damping 0.01,0.02, the last one for the
+rest), or that of the scene: Rayleigh damping, dampers, viscous joints, absorbing faces. It does not include friction.
 
 Writes STEM.csv, STEM.nc and STEM.png.
 """
@@ -119,7 +119,7 @@ def _ratios(text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no ratio, or ratios separated by commas") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a ratio, or ratios separated by commas") from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +131,7 @@ class FrfOptions(OfScene):
         Option("base.x, SENSOR.x or a load, repeatable (default: base along each axis)", "NAME", "--drive"),
     ] = ()
     sensors: Annotated[
-        tuple[str, ...], Option("where the motion is taken, repeatable (default: all)", "NAME", "--sensor")
+        tuple[str, ...], Option("sensor of the response, repeatable (default: all)", "NAME", "--sensor")
     ] = ()
     damping: Annotated[Sequence[float] | None, Option(metavar="R[,R..]", read=_ratios)] = None
     kind: Annotated[Literal["receptance", "mobility", "accelerance"] | None, Option()] = None
@@ -328,7 +328,7 @@ class SrsOptions(OfSensors):
     ] = None
     column: Annotated[str | None, Option("of a record: name or number of the column of its values", "NAME")] = None
     time_column: Annotated[str | None, Option("of a record: name or number of the column of its times", "NAME")] = None
-    gaps: Annotated[Literal["refused", "linear"] | None, Option("of a record: where samples are missing")] = None
+    gaps: Annotated[Literal["refused", "linear"] | None, Option("of a record: treatment of missing samples")] = None
     lowest: Annotated[float | None, Option("first frequency (default: 1 / duration)", "HZ")] = None
     highest: Annotated[float | None, Option("last frequency (default: sampling rate / 10)", "HZ")] = None
     per_octave: Annotated[int | None, Option("frequencies per octave (default: 12)", "N")] = None
@@ -448,7 +448,7 @@ def _record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple
         raise InputError(problems, heading) from None
     unit = record.units[1]
     if unit in (None, "1") or (isinstance(unit, str) and si_unit(unit) != "m s-2"):
-        what = "the values are no acceleration" if unit else "the unit of the values is not known"
+        what = "the values are not an acceleration" if unit else "the unit of the values is unknown"
         raise InputError.of(heading, "--value-unit", what, str(unit or ""), f"{names_for('m s-2')}, or the factor")
     times, values = np.array(record.times), np.array(record.values)
     step = float(times[-1] - times[0]) / (len(times) - 1)

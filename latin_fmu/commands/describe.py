@@ -89,7 +89,7 @@ def explain(
     max_cpu: Annotated[
         float | None,
         Option(
-            "with --run: CPU seconds that all runs may take; where they are reached the command stops (exit code "
+            "with --run: limit in CPU seconds of all runs; if it is reached the command stops (exit code "
             f"{LIMITED}), what is found until then is printed and marked",
             "SECONDS",
             read=seconds,
@@ -108,7 +108,7 @@ def explain(
     from ..effects.explanation import explain
 
     if max_cpu is not None and not run:
-        raise InputError.of("bad argument", "--max-cpu", "nothing is run that it could limit", remedy="add --run")
+        raise InputError.of("bad argument", "--max-cpu", "has no effect without --run", remedy="add --run")
     scene = of.read_scene()
     with Waiting("prediction of the cost"):
         explanation = explain(scene, of.scene.read_text(encoding="utf-8-sig"))
@@ -420,7 +420,7 @@ def _copy(folder: Path, name: str) -> list[str]:
     def check(path: str | Path) -> Path:
         target = Path(path)
         if os.path.lexists(target):
-            what, remedy = "this is there already", "remove or rename it, or change to another folder"
+            what, remedy = "this file or folder already exists", "remove or rename it, or change to another folder"
             raise InputError.of(_HEADING, str(target), what, remedy=remedy)
         check_folder(target.absolute().parent)
         return target

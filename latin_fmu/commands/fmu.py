@@ -75,17 +75,16 @@ class FmuOptions(OfScene):
     inputs: Annotated[
         str,
         Option(
-            "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for whatever drives the scene",
-            "NAME,...",
+            "loads, driven faces (boundary.NAME) and other drives that become inputs; 'all' for all of them", "NAME,..."
         ),
     ] = ""
     reference: Annotated[
         Reference,
         Option("reference run in the FMU: its beginning where it is long (default), the whole of it, or none", "RUN"),
     ] = "short"
-    python: Annotated[
-        bool, Option("an FMU that needs a Python where it runs; time step and tolerance are parameters")
-    ] = False
+    python: Annotated[bool, Option("an FMU that needs Python at run time; time step and tolerance are parameters")] = (
+        False
+    )
     portable: Annotated[bool, Option("an FMU for x86-64 processors without AVX2, from 2009 on")] = False
     model_exchange: Annotated[bool, Option("a reduced model as differential equations (FMI 3 only)")] = False
     modes: Annotated[
@@ -163,7 +162,7 @@ def _made(options: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> 
     lines = list[str]()
     acting = _acting(inputs.scene)
     if names == ["all"] and not inputs.laws:
-        acting.append("warning: --inputs all gives no inputs: nothing that can be set from outside drives the scene")
+        acting.append("warning: --inputs all gives no inputs: no load or motion of the scene can be an input")
     if options.modes is not None and not options.model_exchange:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(options, inputs, names)
@@ -202,15 +201,15 @@ def _acting(scene: Scene) -> list[str]:
     actions, sources = acting_of(scene), given_of(scene)
     starts = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
     if not (actions or starts):
-        what, remedy = "nothing loads or moves a body in this FMU: every result is zero", "add a [load] to the scene"
+        what, remedy = "no load acts in this FMU: every result is zero", "add a [load] to the scene"
         return [f"warning: {what}; {remedy}"]
-    lines = [f"inputs, until the host sets them: {listed(starts)}"] if starts else []
+    lines = [f"FMU inputs set by the importer, start values: {listed(starts)}"] if starts else []
     if actions:
         free = [name for name, law in settable_of(scene).items() if not isinstance(law, InputLaw)]
         more = f" (--inputs {free[0]} makes {free[0]} an input)" if free and not starts else ""
         lines.append(f"acts in the FMU as in the scene: {listed(actions)}{more}")
     else:
-        rest = "" if any(source.start for source in sources) else ": until the host sets an input the FMU stays at rest"
+        rest = "" if any(source.start for source in sources) else ": until an input is set the FMU stays at rest"
         lines.append(f"nothing else loads or moves a body{rest}")
     return lines
 
@@ -227,7 +226,7 @@ def _files(options: FmuOptions, scene: Scene, note: str) -> dict[str, bytes]:
             if options.portable or options.modes is not None:
                 raise
             why = "; ".join(map(str, error.problems))
-            say(f"latin-fmu: this FMU needs a Python where it runs, as with --python: {why}")
+            say(f"latin-fmu: warning: this FMU needs Python at run time, as with --python: {why}")
     return dict[str, bytes](build.fmu_files(scene, fmi))
 
 
@@ -240,8 +239,9 @@ def _foreseen(scene: Scene) -> str:
     if prediction.memory < _LARGE:
         return ""
     return (
-        f"the matrices of this scene take about {amount(prediction.memory)} in the FMU and in the memory of its host, "
-        f"and {prediction.operators:.2g} s to make; --modes 20 makes a small one of reduced bodies and prints its error"
+        f"the matrices of this scene need about {amount(prediction.memory)} in the FMU and in the memory of the "
+        f"importer, and {prediction.operators:.2g} s to compute; --modes 20 exports a small FMU with reduced bodies "
+        "and prints its error"
     )
 
 
@@ -257,7 +257,7 @@ def _reduced(options: FmuOptions, inputs: Any, names: Sequence[str]) -> tuple[An
     reduced = checks.with_inputs(load_scene(options.scene, [*options.overrides, setting]), names)
     errors = checks.reduction_errors(inputs, reduced)
     lines = [
-        "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
+        "the error of the reduced bodies is unknown: no load acts (--inputs NAME keeps the law of a load for this)"
     ]
     if errors:
         lines = [f"{options.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
@@ -296,8 +296,8 @@ class SimulateOptions:
     max_cpu: Annotated[
         float | None,
         Option(
-            "CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code "
-            f"{LIMITED}): the rows until then are written",
+            "limit in CPU seconds of the simulation; it then stops before the next step (exit code "
+            f"{LIMITED}): the rows so far are written",
             "SECONDS",
             read=seconds,
         ),
@@ -324,8 +324,8 @@ def simulate(options: SimulateOptions) -> int:
     step, stop = options.step or drive.step_size, options.stop or drive.stop_time
     if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] >= 0.0):
         which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
-        what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are held"
-        say(f"latin-fmu: warning: {what}; are its times in s?")
+        what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are kept constant"
+        say(f"latin-fmu: warning: {what}; check that its times are in s")
     rows: list[Sequence[float]] = []
     limited = False
 
@@ -353,7 +353,7 @@ def simulate(options: SimulateOptions) -> int:
         return SOLVER_FAILED
     if limited and reached < stop:
         what = f"stopped by its limit of {options.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
-        say(f"latin-fmu: {what}; the rows until then are written")
+        say(f"latin-fmu: {what}; the rows so far are written")
         return LIMITED
     return CONVERGED
 

@@ -78,7 +78,7 @@ def interval(text: str) -> Interval:
     """
     match = re.fullmatch(r"(\d+|\d*\.\d+) ?(|s|min|h)", text.strip())
     if match is None or float(match[1]) <= 0.0 or (not match[2] and "." in match[1]):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of instants and no time; for example 500, 90s, 10min")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of instants or a time; for example 500, 90s, 10min")
     return Interval(seconds=float(match[1]) * _UNITS[match[2]]) if match[2] else Interval(int(match[1]))
 
 
@@ -116,7 +116,7 @@ class SolveOptions(OfScene):
             read=interval,
         ),
     ] = None
-    resume: Annotated[bool, Option("continue from the checkpoint, where there is one, to the same bits")] = False
+    resume: Annotated[bool, Option("continue from an existing checkpoint; bit-identical results")] = False
     estimate: Annotated[bool, Option("no estimate of the error (accuracy.estimate = false)")] = True
     accuracy: Annotated[
         str | None,
@@ -129,9 +129,10 @@ class SolveOptions(OfScene):
     max_cpu: Annotated[
         float | None,
         Option(
-            f"CPU seconds that the run may take, with its derivatives, their checks and its error estimate; one that "
-            f"reaches them stops (exit code {LIMITED}): results so far are written and marked, and a checkpoint to go "
-            "on from; of what follows a whole run, the rest is left out with a warning. Default: no limit. With "
+            f"limit in CPU seconds of the run, its derivatives, their checks and its error estimate; a run that "
+            f"reaches it stops (exit code {LIMITED}): results so far are written and marked, with a checkpoint for "
+            "--resume; if the run itself is complete, remaining derivatives, checks and estimates are omitted with a "
+            "warning. Default: no limit. With "
             f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always "
             "finished",
             "SECONDS",
@@ -161,7 +162,7 @@ def _distributed(options: SolveOptions, signals: StopSignals, processes: Process
         refused: dict[str, object] = {"--checkpoint": options.checkpoint, "--resume": options.resume or None}
         refused["--accuracy"] = _target(scene, options)
         if wanted := [name for name, value in refused.items() if value is not None]:
-            problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in wanted]
+            problems = [Problem(name, "requires a single process", remedy="run it without mpiexec") for name in wanted]
             raise InputError(problems, "the run cannot be distributed over processes")
         target = _checked_outputs(scene, options) if first else Path()
     # all processes take part in the estimate

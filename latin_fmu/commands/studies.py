@@ -43,7 +43,7 @@ examples:
 
 Mesh, time step and tolerance are refined in turn and together, for every time scheme and propagator; errors are
 measured against the exact solution declared with the model (reference.json beside the scene) or against a refined
-run whose own error is estimated. Methods that fail are listed.
+run with an estimated error. Failed methods are listed.
 """
 _STRESS_EXAMPLES = """\
 examples:
@@ -61,8 +61,8 @@ examples:
   latin-fmu sweep scene.toml --samples 200 -o samples.nc    of the table [spread], beside the bands to first order
   latin-fmu plot study.nc
 
-from:to:count gives equally spaced values, a list gives its own. All combinations are solved. Points that are done are
-kept in OUTPUT.points until the study is written: the same command continues after an interruption. A point that fails
+from:to:count gives equally spaced values, a list its own values. All combinations are solved. Completed points are
+stored in OUTPUT.points until the study is written: after an interruption the same command continues. A failed point
 is marked in the study, with its message.
 
 exit codes: 0 all points converged, 1 some did not (the study is written), 2 bad input, 130 interrupted
@@ -79,8 +79,8 @@ The first line of DATA.csv names its columns; the first column gives the kind of
   tip.amplitude,frequency,damping                          a mode against the amplitude of a sensor
 NAME.sd is the standard deviation of the column NAME, NAME [unit] its unit (default: units of the scene).
 
-A parameter is a number of the scene as in --set; names joined by commas have one value. START is that of the scene
-where left out, LOW and HIGH a tenth and ten times the start.
+A parameter is a number of the scene as in --set; names joined by commas have a common value. Defaults: START is the
+value in the scene, LOW and HIGH are a tenth of START and ten times START.
 
 Writes the scene with the fitted values, OUT.toml, and OUT.png: data, before, after, residuals.
 
@@ -101,8 +101,7 @@ class SweepOptions(OfScene):
     samples: Annotated[
         int | None,
         Option(
-            "in the place of --vary: number of samples (8 or more) of the table [spread]; bands beside those to first "
-            "order",
+            "instead of --vary: number of samples (8 or more) of the table [spread]; bands beside those to first order",
             "N",
         ),
     ] = None
@@ -119,7 +118,7 @@ class SweepOptions(OfScene):
     ] = None
     max_cpu: Annotated[
         float | None,
-        Option("CPU seconds that a point may take; one that reaches them has not converged", "SECONDS", read=seconds),
+        Option("limit in CPU seconds of a point; a point that reaches it has not converged", "SECONDS", read=seconds),
     ] = None
     histories: Annotated[bool, Option()] = False
     guesses: Annotated[
@@ -239,7 +238,7 @@ def stress(
     max_cpu: Annotated[
         float | None,
         Option(
-            "CPU seconds that the cases may take together; those left out then are counted (exit code "
+            "limit in CPU seconds of all cases together; the number of omitted cases is reported (exit code "
             f"{LIMITED}), the rows of the others are reported",
             "SECONDS",
             read=seconds,

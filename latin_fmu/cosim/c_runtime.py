@@ -89,7 +89,7 @@ def _compiler() -> list[str]:
         return ["cc"]
     if find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc"]
-    raise _missing("is missing here, and so is a C compiler to make it")
+    raise _missing("is missing, and there is no C compiler to build it")
 
 
 def _missing(what: str) -> InputError:

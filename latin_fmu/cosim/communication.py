@@ -181,7 +181,7 @@ def _solved_by_python(run: Run) -> NeedsPythonError:
     for group, row in zip(run.assembly.layout.groups, run.image.groups, strict=True):
         if row["law"] < 0:
             names = [run.assembly.interfaces[i].name for i in group.members]
-            what, remedy = "has a law written in Python", "use a law of the package"
+            what, remedy = "has a user-defined law in Python", "use a law of the package"
             problems += [Problem(f"interface.{name}", what, None, None, remedy) for name in names]
     return NeedsPythonError(problems, "the scene needs Python at run time")
 

@@ -124,7 +124,7 @@ def _netcdf(file: Path) -> dict[str, Array]:
         raise bad("no such file")
     try:
         if is_damaged(file):
-            raise bad("the file is damaged: its digest does not fit")
+            raise bad("the file is damaged: its digest does not match")
         # times as numbers, whatever unit the file names
         with xr.open_dataset(file, engine="netcdf4", decode_times=False, decode_timedelta=False) as dataset:
             columns = {str(name): np.asarray(v.values, dtype=float) for name, v in dataset.data_vars.items()}
@@ -135,5 +135,5 @@ def _netcdf(file: Path) -> dict[str, Array]:
     except Exception as error:  # the library of a damaged file raises many kinds
         raise bad(f"cannot be read ({' '.join(str(error).split())[:200]})") from None
     if len({column.shape for column in columns.values()}) != 1 or next(iter(columns.values())).ndim != 1:
-        raise bad("its variables are no columns of one length")
+        raise bad("its variables are not columns of equal length")
     return columns

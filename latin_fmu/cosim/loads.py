@@ -84,8 +84,8 @@ class GivenLoads:
 
     def _check(self, name: str) -> None:
         if name not in self._start:
-            allowed = ", ".join(self._start) or 'none: give a load, a driven face or the ground law = "input"'
-            raise InputError([Problem(variable_of(name), "not set from outside", None, allowed)])
+            allowed = ", ".join(self._start) or 'none: set law = "input" for a load, a driven face or the ground'
+            raise InputError([Problem(variable_of(name), "not an input", None, allowed)])
 
     def _set_table(self) -> None:
         self.table: Array = np.array([[*self.value.values()], [*self.rate.values()]]).T.copy()
@@ -123,7 +123,7 @@ def check_history(where: str, times: Array, values: Array) -> tuple[Array, Array
     """
     t, a = np.atleast_1d(np.asarray(times, dtype=float)), np.atleast_1d(np.asarray(values, dtype=float))
     if t.ndim != 1 or t.shape != a.shape or not len(t):
-        what = f"{t.shape} times and {a.shape} values: both must be lists of one length"
+        what = f"{t.shape} times and {a.shape} values: both must be lists of equal length"
     else:
         what = wrong_history(t, a)
     if what:

@@ -102,7 +102,7 @@ class SegmentState:
                 "the scene cannot be run in steps",
                 f"bolt.{yields[0]}.hardening",
                 "the plastic elongation of a bolt is found by repeated runs",
-                remedy="leave hardening out: the bolt stays elastic",
+                remedy="omit hardening: the bolt then remains elastic",
             )
         with one_thread():
             self._discretised = discretise(scene)

@@ -160,7 +160,7 @@ class Session:
         """
         places = {variable.name: i for i, variable in enumerate(self.table)}
         if bad := [Problem(name, "no variable of this name") for name in (*unknowns, *knowns) if name not in places]:
-            raise InputError(bad, "these derivatives cannot be taken")
+            raise InputError(bad, "these derivatives are not available")
         engine = self._solver.engine
         if engine is None or not self.started:
             raise InputError([Problem("directional derivative", "not available before initialization")])
@@ -251,7 +251,7 @@ class Session:
 
 def _check_kept(settings: Settings) -> None:
     if not (settings.keep or settings.prescribed):
-        what, remedy = "the accepted steps are not kept", "make the session with Settings(keep=True)"
+        what, remedy = "the accepted steps are not stored", "create the session with Settings(keep=True)"
         raise InputError([Problem("Settings.keep", what, "False", None, remedy)], "the session has no history")
 
 

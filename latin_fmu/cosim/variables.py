@@ -51,8 +51,8 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "first step and over a step that begins with a jump after two equal values. The incident wave of a port follows "
     "2, unless this is 0 or its rate is set",
     "timeStep": "time step of the run; communication steps may be of any length",
-    "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
-    "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the tolerance of the importer replaces it",
+    "endTime": "end of the interval solved in prescribed mode, an integer multiple of timeStep",
+    "tolerance": "tolerance on the error indicator sqrt(eta); replaced by a fifth of the tolerance of the importer",
     "maxIterations": "largest number of iterations of a window",
     "historyFile": "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable "
     "per input, called as it is without load. and .value: NAME of a load, gravity.acceleration, boundary.NAME, ...; "

@@ -672,7 +672,7 @@ def least_output(p: Prediction) -> float:
 def memory_line(p: Prediction, stream: bool = False) -> str:
     """A line on the memory that a run needs and may take."""
     need, (room, limit) = memory_need(p, stream), memory_room()
-    free = f"; {amount(room)} may be taken ({limit})" if limit else ""
+    free = f"; available memory {amount(room)} ({limit})" if limit else ""
     return f"memory: about {amount(need.total)} ({need.text()}){free}"
 
 
@@ -688,7 +688,7 @@ def check_memory(p: Prediction, stream: bool = False) -> None:
         raise SceneError.of(
             "the scene cannot be solved here",
             "memory",
-            "the run does not fit in the memory that it may take",
+            "the run does not fit in the available memory",
             f"about {amount(need.total)}: {need.text()}",
             f"{amount(max(room, 0.0))} ({limit})",
             _remedy(p, need, room),

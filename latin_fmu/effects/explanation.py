@@ -168,15 +168,15 @@ def _unchecked(p: Prediction) -> tuple[str, ...]:
     """Remarks that nothing but factors of matrices, an equilibrium or the run itself can give."""
     lines = []
     if p.discretised.units and not p.scene.time.quasi_static:
-        lines.append("whether mesh and step resolve waves at the interfaces needs factors: latin-fmu check")
+        lines.append("resolution of waves at the interfaces needs factors: latin-fmu check")
     if p.scene.time.start.type == "static" and not p.scene.time.quasi_static:
-        lines.append("how far the static start converges needs its solution: latin-fmu run")
+        lines.append("convergence of the static start needs its solution: latin-fmu run")
         if p.scene.bolt and any(coulomb_coefficient(unit.behaviour) for unit in p.discretised.units):
             lines.append(
                 "damping: that of scheme and step by latin-fmu modes; that of the joints by latin-fmu backbone, where "
                 "small losses need a tolerance of 1e-8 and short elements at the rims of the pressure"
             )
-    lines.append("slip, rotations, strains, faces that never touch are known at the end: latin-fmu run")
+    lines.append("slip, rotations, strains and faces that never touch need a run: latin-fmu run")
     return tuple(lines)
 
 

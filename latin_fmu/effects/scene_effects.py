@@ -143,7 +143,7 @@ def elasticity(p: Prediction) -> Effect:
     reason = f"{len(keys)} deformable substructure(s) in {len(sizes)} class(es) of identical ones"
     kernels = "factorisation", "half solves", "stiffness product"
     still = p.run.static or p.scene.time.start.type == "static"
-    switch = "none: an equilibrium needs elastic bodies" if still else "rigid = true on bodies that only move"
+    switch = "none: an equilibrium needs elastic bodies" if still else "rigid = true for bodies that do not deform"
     cost = saved(p, p.run.scaled(stiffness=0.0, factor=0.0))
     unknowns = sum(s.members * s.unknowns for s in sizes)
     memory = int(sum(8 * (s.factor + s.interface**2) + 12 * s.stiffness for s in sizes))
@@ -239,7 +239,7 @@ def initial_motion(p: Prediction) -> Effect:
     keys += ("motion.velocity",) if p.scene.thrown else ()
     if not keys:
         switch = "initial_velocity, initial_spin, initial_displacement or [motion]"
-        return _off("initial motion", ["substructure.*.initial_velocity"], "everything starts at rest", switch)
+        return _off("initial motion", ["substructure.*.initial_velocity"], "all bodies start at rest", switch)
     return Effect("initial motion", True, keys, "initial values that are not zero", "set them to zero")
 
 

@@ -76,8 +76,8 @@ def with_work(sentence: str, work: float, put_in: float, allowed: float, toleran
         return True, sentence
     share = work / put_in if put_in > 0.0 else np.inf
     return False, (
-        f"not converged: the work of the errors of the iteration against the laws of the interfaces is {share:.1e} of "
-        f"the energy put in (allowed: {allowed:g}). Lower solver.tolerance, as to {0.1 * tolerance:g}"
+        f"not converged: the work of the residual forces of the iteration at the interfaces is {share:.1e} of the "
+        f"energy put in (allowed: {allowed:g}). Reduce solver.tolerance, for example to {0.1 * tolerance:g}"
     )
 
 
@@ -123,9 +123,9 @@ def with_energy(
     at = int(wrong[0])
     # a share: units of the scene are not known here
     gained = (
-        f"energy: by t = {time[at]:.6g} s contacts, joints, damping and the time scheme have together added "
+        f"energy: until t = {time[at]:.6g} s contacts, joints, damping and the time scheme together have added "
         f"{-float(lost[at]) / float(put_in[at]):.3g} times the energy put in (allowed: {_GAIN:g} times): "
-        'the time scheme gains energy. Take time.scheme = "automatic", or smaller steps'
+        'the time scheme gains energy. Use time.scheme = "automatic", or smaller steps'
     )
     return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"
 
@@ -142,7 +142,7 @@ def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:
     return (
         f"no equilibrium beyond t = {lost.time:.6g} s (instant {lost.instant}): {lost.what}, and contact and friction "
         f"cannot hold it; results end at t = {assembly.time[assembly.instant]:.6g} s. Hold it by a boundary, raise "
-        "pressure or friction, lower the load, or give the scene inertia (time.quasi_static = false)"
+        "pressure or friction, reduce the load, or include inertia (time.quasi_static = false)"
     )
 
 
@@ -158,8 +158,8 @@ def _excess(settings: SolverSettings, window: WindowRecord) -> str:
         return f"interface force residual {window.final_mismatch:.2e} (tolerance {forces:.1e})"
     if window.imbalance > 0.0:
         allowed = f"(allowed {BALANCED:g})"
-        return f"work against the laws of the interfaces {window.imbalance:.2e} of the energy put in {allowed}"
-    return "work against the laws of the interfaces above its share of the energy put in"
+        return f"work of the residual forces {window.imbalance:.2e} of the energy put in {allowed}"
+    return "work of the residual forces above its allowed share of the energy put in"
 
 
 def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
@@ -181,7 +181,7 @@ def _converged(settings: SolverSettings, windows: WindowList) -> str:
     if steps.any():
         sentence += f", Newton steps in {np.count_nonzero(steps)} (at most {steps.max()}, counted as iterations)"
     if windows.disagreement() > settings.tolerance:
-        sentence += f"; fields and tractions of windows disagree by up to {100 * windows.disagreement():.2g} %"
+        sentence += f"; fields and tractions of windows differ by up to {100 * windows.disagreement():.2g} %"
     return sentence + (f", fall-backs used in {helped}" if helped else "")
 
 
@@ -195,20 +195,18 @@ def _remedy(assembly: Assembly, settings: SolverSettings, failed: list[WindowRec
     """What to change, by the kind of failure."""
     if assembly.quasi_static:
         return (
-            "There may be no equilibrium: check that contact and friction can hold the loads of this instant (no body "
-            "slides away, topples or is pulled off); where they can, raise solver.max_iterations or take smaller steps"
+            "There may be no equilibrium: check that contact and friction can carry the loads at this instant (no body "
+            "slides away, topples or is pulled off). If they can, raise solver.max_iterations or use smaller steps"
         )
     if any(not np.isfinite(w.final_error) for w in failed):
-        return "The search direction or the data are out of range: check units, and leave search_direction automatic"
+        return "The search direction or the input is out of range: check the units, and omit search_direction"
     if any(w.iterations >= settings.max_iterations for w in failed):
-        return "Raise solver.max_iterations, shorten solver.window, or use acceleration anderson"
+        return 'Raise solver.max_iterations, reduce solver.window, or use acceleration = "anderson"'
     if any((coulomb_coefficient(u.behaviour) or 0.0) > 10 for u in assembly.interfaces):
-        return 'Surfaces that never slide converge with behaviour = "no_slip"; or use a smaller time step'
+        return 'Use behaviour = "no_slip" for surfaces that never slide, or a smaller time step'
     if settings.window != 1:
         return "Use solver.window = 1, or a smaller time step"
-    return (
-        "Check that no point is pressed from both sides without room to move; use a smaller time step or a finer mesh"
-    )
+    return "Check that no point is clamped from both sides and cannot move; use a smaller time step or a finer mesh"
 
 
 _CURVES: Final = ("error_indicator", "force_mismatch")

@@ -163,7 +163,7 @@ def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:
             continue
         # sums and differences of labels stay within 64 bits
         if not 0 < label < 2**62:
-            problems.add("not a node label", label, "a positive whole number", line=card.row_place(i))
+            problems.add("not a node label", label, "a positive integer", line=card.row_place(i))
             continue
         labels.append(label)
         coordinates.append([*values, 0.0, 0.0, 0.0][:3])  # planar parts, too
@@ -186,7 +186,7 @@ def elements_of(card: Card, count: int, corners: int, problems: FileProblems) ->
         except ValueError:
             numbers = [-1]
         if any(not 0 <= v < 2**62 for v in numbers):
-            allowed = "label and nodes, positive whole numbers"
+            allowed = "label and nodes, positive integers"
             problems.add("not an element", ", ".join(fields), allowed, line=card.row_place(i))
             return none
         element += numbers
@@ -204,7 +204,7 @@ def elements_of(card: Card, count: int, corners: int, problems: FileProblems) ->
     table = np.array(values, dtype=np.int64).reshape(-1, count + 1)
     missing = (table[:, : corners + 1] == 0).any(axis=1)
     if missing.any():
-        allowed = "label and corners, positive whole numbers"
+        allowed = "label and corners, positive integers"
         problems.add("not an element", ", ".join(map(str, values[int(missing.argmax())])), allowed, line=card.place)
         return none
     return table[:, 0], table[:, 1:]

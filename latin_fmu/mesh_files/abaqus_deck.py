@@ -18,9 +18,9 @@ from .unused import Skipped
 _CHANGES_MESH: Final = {
     "NMAP": "it moves nodes",
     "IMPERFECTION": "it moves nodes",
-    "IMPORT": "it takes the mesh of another analysis",
-    "SYMMETRIC MODEL GENERATION": "it makes more of the mesh",
-    "REFINE MESH": "it makes another mesh",
+    "IMPORT": "it uses the mesh of another analysis",
+    "SYMMETRIC MODEL GENERATION": "it extends the mesh",
+    "REFINE MESH": "it changes the mesh",
 }
 """Keywords that change the mesh and are not read."""
 _TABLES: Final = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", *MAKING)  # whose data lines are read here
@@ -94,7 +94,7 @@ class DeckScopes:
         """Note a keyword that changes the mesh, or preloads what is not read."""
         reason, remedy = _CHANGES_MESH.get(card.keyword), "export the mesh as it is to be computed"
         if card.keyword == "MODEL CHANGE" and card.name("TYPE").upper() == "ELEMENT":
-            reason = "it takes elements away or puts them back"
+            reason = "it removes or reactivates elements"
         elif card.keyword == "PRE-TENSION SECTION" and card.name("ELEMENT"):
             reason, remedy = "it preloads a beam", "mesh the bolt with solids and write [bolt.NAME] with its force"
         if reason is not None:

@@ -19,7 +19,7 @@ _BEAM: Final = "write [spring.NAME], for a screw [bolt.NAME], or mesh them with 
 _SPRING: Final = "write [spring.NAME]"
 _COUPLING: Final = "write [coupling.NAME]"
 _SHELL: Final = "mesh it with solids"
-_NOTHING: Final = "nothing here stands for them"
+_NOTHING: Final = "they have no equivalent here"
 _TAKE: Final = 'or take = ["{}"] in the table of the mesh'
 TAKEN: Final = ("CONM2", "RBE2", "RBE3")
 """Entries of Nastran that ``take`` of the mesh table makes tables of."""

@@ -194,7 +194,7 @@ def sample(
     if not _FEWEST <= count <= MOST_POINTS:
         raise InputError.of(_HEADING, "--samples", "number of samples", str(count), f"{_FEWEST} to {MOST_POINTS}")
     if not 0 <= seed < 2**63:
-        raise InputError.of(_HEADING, "--seed", "out of range", str(seed), "a whole number from 0 on")
+        raise InputError.of(_HEADING, "--seed", "out of range", str(seed), "an integer >= 0")
     solution = api.solve(whole)
     if solution.bands is None:
         raise SolverError(f"no bands to first order: {solution.status}; {'; '.join(map(str, solution.warnings))}")

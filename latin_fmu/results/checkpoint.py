@@ -186,7 +186,7 @@ class Checkpoint:
         except OSError as error:
             holder = _holder(file.fileno())
             file.close()
-            what, remedy = "another run writes its checkpoint here", "wait for its end, or name another output"
+            what, remedy = "another run uses this checkpoint", "wait until it has ended, or choose another output"
             raise InputError.of("bad argument", str(self.path), what, holder, remedy=remedy) from error
         self._file = file
         return file
@@ -239,7 +239,7 @@ class Checkpoint:
         except (OSError, UnwrittenError, InputError) as error:
             if str(error) != self._told:
                 self._told = str(error)
-                self._log(f"the checkpoint could not be written, the run goes on: {error}")
+                self._log(f"the checkpoint could not be written, the run continues: {error}")
             # the next attempt after ``seconds``, not after every window
             self._written_at = clock.monotonic()
             return
@@ -274,7 +274,7 @@ class Checkpoint:
                 )
                 continue
             if failure is not None:
-                self._log(f"{failure.problems[0]}; the checkpoint before it is used")
+                self._log(f"{failure.problems[0]}; the previous checkpoint is used")
             self._checksum, self._own = checksum, True
             for part in self._parts(tree["bytes"]):
                 run.recorder.append(part["recorder"], part["first"])
@@ -317,7 +317,7 @@ def _refuse_link(path: Path) -> None:
     InputError : there is one.
     """
     if path.is_symlink():
-        what = "this is a link, which checkpoints do not follow"
+        what = "this is a link; checkpoints do not follow links"
         raise InputError.of("bad argument", str(path), what, remedy="remove it, or name another output")
 
 

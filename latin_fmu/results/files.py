@@ -177,7 +177,7 @@ def open_results(path: str | Path) -> xr.DataTree:
     if not source.is_file():
         what = "this is a folder" if source.is_dir() else "no such file"
         raise _unreadable(source, what, remedy="give the .nc file written by a run")
-    damaged = "the file is damaged: its digest does not fit"
+    damaged = "the file is damaged: its digest does not match"
     try:
         if is_damaged(source):
             raise _unreadable(source, damaged, remedy="take an intact copy, or run the scene again")

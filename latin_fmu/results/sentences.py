@@ -132,7 +132,7 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     if history.contact_status is None:
         return [f"carries up to {_up_to(history.force(), time, units, history.quasi_static)}"]
     if first is None:
-        apart = f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"
+        apart = f"never touches, smallest gap {readable(_nearest(history), units.label('m'), 3)}"
         return ["carries no force" if joined else apart]
     clauses = list(_peak(history, force, units, errors))
     clauses.append(_contact(history, time, first, SEPARATION.value(record), errors, joined))
@@ -141,7 +141,7 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
         work = errors[f"{name}.{FRICTION_WORK.key}"].value
         if work > 0.0:
             taken = readable(work, units.label("J"), 3)
-            clauses.append(f"friction takes {taken}{_error(errors, name, FRICTION_WORK)}")
+            clauses.append(f"friction dissipates {taken}{_error(errors, name, FRICTION_WORK)}")
     # the impulse of what stays pressed is that of the clamping, and grows with the run
     transient = not history.quasi_static and not _pressed(history)
     if transient and (found := errors.get(f"{name}.{IMPULSE.key}")) is not None:
@@ -177,7 +177,7 @@ def _raw_peak(name: str, peak: float, raw: float, units: UnitSystem, errors: Err
     found = errors.get(f"{name}.{PEAK_FORCE_RAW.key}")
     error = _APART if found is None or not np.isfinite(found.error) else min(found.relative_error, _APART)
     if raw - peak > error * raw:
-        yield f"raw peak {readable(raw, units.label('N'))}{_error(errors, name, PEAK_FORCE_RAW)} (a single instant)"
+        yield f"raw peak {readable(raw, units.label('N'))}{_error(errors, name, PEAK_FORCE_RAW)} (at a single instant)"
 
 
 def _up_to(forces: Array, time: Array, units: UnitSystem, static: bool) -> str:
@@ -202,7 +202,7 @@ def _contact(
 ) -> str:
     """From when to when it carries a force; ``joined``: its sides touch at the start, loaded or not."""
     if _pressed(history):
-        return "pressed throughout"
+        return "in contact throughout"
     does = "carries a force" if joined else "touches"
     begin = f"{does} from the start" if first <= time[0] else f"{does} from "
     begin += "" if first <= time[0] else _instant(errors, history.name, FIRST_CONTACT, first)
@@ -225,7 +225,7 @@ def _slipping(history: InterfaceHistory, fields: InterfaceFields, time: Array, u
     if used < 0.01:  # the friction forces of the points cancel
         yield text
     else:
-        yield text + (", as a whole" if used > AS_A_WHOLE else f", at {100 * used:.0f} % of what friction holds")
+        yield text + (", as a whole" if used > AS_A_WHOLE else f", at {100 * used:.0f} % of the friction limit")
 
 
 def _opening(history: InterfaceHistory) -> Iterator[str]:
@@ -239,7 +239,7 @@ def _opening(history: InterfaceHistory) -> Iterator[str]:
     if area > 0.0:
         opened = float((((status == _OPEN) & carried)[:, closed] @ history.areas[closed]).max()) / area
         if opened > _LITTLE:
-            yield f"up to {100 * opened:.0f} % of what is closed at the start opens"
+            yield f"up to {100 * opened:.0f} % of the initially closed area opens"
 
 
 def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors) -> list[str]:
@@ -250,7 +250,7 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
     if bolt.share != 1.0:
         clauses[0] += f", {bolt.share:.4g} of the screw ({readable(bolt.tight / bolt.share, unit)} as a whole)"
     if abs(first - bolt.tight) > _LITTLE * abs(bolt.tight):
-        clauses.append(f"{readable(first, unit)} at the start, when all bolts are tight")
+        clauses.append(f"{readable(first, unit)} at the start, after all bolts are tightened")
     last, lost = readable(end.mean, unit), loss_text(bolt.force, end.mean)
     if end.half_periods:
         span = f"between {readable(end.low, unit)} and {readable(end.high, unit)}"

@@ -191,12 +191,12 @@ class Solution:
         """CPU time and memory of the run and of its estimate, with what that does not cover."""
         text = f"  cost  {self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
-            text += f", estimate of the errors by coarser runs {self.estimate.cpu:.2g} s more"
+            text += f", error estimate by coarser runs {self.estimate.cpu:.2g} s"
         remarks = [] if self.estimate is None else [*self.estimate.remarks]
         if self.truncation is not None:
             marched = self.outcome.settings["propagator"]
             remarks.append(
-                f"marched by {marched}; error of that, estimated by a coarser one: {self.truncation.in_words()}"
+                f"time integration by {marched}; its error, estimated from fewer modes: {self.truncation.in_words()}"
             )
         notes = (line for remark in remarks for line in wrapped("note", remark))
         return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]

@@ -98,8 +98,8 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
 
 def _penetration(outcome: Outcome, units: UnitSystem) -> str:
     landed, sunk = (readable(value, units.label("m"), 3) for value in (outcome.landed(), outcome.sunk()))
-    closed = f", {sunk} more where they stayed closed" if outcome.sunk() > 0.0 else ""
-    return f"{landed} where points landed{closed}"
+    closed = f", in addition {sunk} at points that stayed closed" if outcome.sunk() > 0.0 else ""
+    return f"{landed} at points after impact{closed}"
 
 
 def _iterations(outcome: Outcome) -> str:

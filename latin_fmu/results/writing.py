@@ -103,7 +103,7 @@ def check_folder(folder: Path, size: float = 0.0) -> None:
         free = shutil.disk_usage(folder).free
     except OSError as error:
         what = f"no file can be created here: {error.strerror or error}"
-        raise unwritable(folder, what, "choose a folder you may write to, with free space") from error
+        raise unwritable(folder, what, "choose a writable folder with free space") from error
     if free < size:
         what = f"{free / 1e6:.0f} MB are free, the file may need {size / 1e6:.0f} MB"
         raise unwritable(folder, what, "free space, choose another folder, or store less (output.every, output.fields)")

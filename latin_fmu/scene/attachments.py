@@ -23,9 +23,9 @@ class Place(SceneTable):
     _on_ground: ClassVar[bool] = False  # whether the ground may be meant
 
     substructure: Annotated[Name | None, about("name of a [substructure.NAME] table, with `point`")] = None
-    face: Annotated[Face | None, about('face whose mean motion counts, "substructure.face"')] = None
+    face: Annotated[Face | None, about('face whose mean motion is used, "substructure.face"')] = None
     point: Annotated[
-        Vector | None, about("a point in or on the substructure; with `face` anywhere, before any motion", "m")
+        Vector | None, about("a point in or on the substructure at t = 0; with `face` an arbitrary point", "m")
     ] = None
 
     @model_validator(mode="after")
@@ -117,14 +117,14 @@ class Spring(SceneTable):
         Ends, about('two places: "substructure.face", {substructure, point}, {face, point}; the second may be "ground"')
     ]
     direction: Annotated[
-        Direction | None, about("direction of the stiffness; the line that joins the ends where left out", "1")
+        Direction | None, about("direction of the stiffness; default: the line that joins the ends", "1")
     ] = None
     stiffness: Annotated[Real, about("stiffness along the direction", "N m-1", ge=0)] = 0.0
     lateral_stiffness: Annotated[Real, about("stiffness across the direction", "N m-1", ge=0)] = 0.0
     viscosity: Annotated[Real, about("viscosity along the direction", "N s m-1", ge=0)] = 0.0
     lateral_viscosity: Annotated[Real, about("viscosity across the direction", "N s m-1", ge=0)] = 0.0
     damping_ratios: Annotated[
-        DampingRatios | None, about("damping by strain of its stiffness, as of a material; without viscosities")
+        DampingRatios | None, about("strain damping of its stiffness, as for a material; without viscosities")
     ] = None
 
     @model_validator(mode="after")
@@ -193,7 +193,7 @@ class CouplingTable(SceneTable):
     ]
     rigid: Annotated[Flag, about("whether the faces move as rigid bodies")] = False
     rotations: Annotated[
-        Flag, about("whether rotations are joined, too; else the point of the first end, as by a ball joint")
+        Flag, about("whether rotations are coupled as well; otherwise only the first point, as by a ball joint")
     ] = True
 
     @model_validator(mode="after")
@@ -244,10 +244,10 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
         if is_explicit(raw) and given(table, "face") and (given(table, "point") or given(table, "inertia")):
             yield Problem(
                 where,
-                "a mass with an arm or inertia has no lumped mass, which central differences need",
+                "a mass with an arm or inertia has no lumped mass, which central differences require",
                 None,
                 "a mass at a point, or spread evenly over a face",
-                "leave out its point or inertia, or choose an implicit scheme",
+                "omit its point or inertia, or choose an implicit scheme",
             )
     taken = dict.fromkeys(named_tables(raw, "interface"), "interface")
     tables = [(key, *item) for key in ("spring", "coupling") for item in named_tables(raw, key).items()]

@@ -61,32 +61,30 @@ class ThreadTable(SceneTable):
     """
 
     size: Annotated[
-        Size | None, about('metric or unified thread, "M6", "M10x1", "1/4-20", "#10 UNF"; the text alone is its size')
+        Size | None, about('metric or unified thread, "M6", "M10x1", "1/4-20", "#10 UNF"; a string alone is its size')
     ] = None
     part: Annotated[
         Text | None,
         about(
-            'substructure with the hole, or a pattern, "nut_*", of which those around the shank are taken: both nuts '
-            "of a stud"
+            'substructure with the hole, or a pattern such as "nut_*", which selects those around the shank, '
+            "for example both nuts of a stud"
         ),
     ] = None
     length: Annotated[
         Real | None,
-        about(
-            "load-bearing length from the mouth of the hole, with `part`; the whole overlap where left out", "m", gt=0
-        ),
+        about("load-bearing length from the mouth of the hole, with `part`; default: the whole overlap", "m", gt=0),
     ] = None
     plain: Annotated[
         Real,
         about(
-            "length of the shank that has no thread, all of which carries: under the head, of a stud in its middle",
+            "length of the unthreaded shank, whose full section carries: under the head, for a stud in its middle",
             "m",
             ge=0,
         ),
     ] = 0.0
     modulus: Annotated[
         Literal["core", "drawn"],
-        about('"core": of the free shank the core of the thread carries alone, "drawn": all of it'),
+        about('"core": only the core of the thread carries in the free shank, "drawn": its full section'),
     ] = "core"
 
     @model_validator(mode="after")
@@ -128,27 +126,24 @@ class Bolt(SceneTable):
     parts: Annotated[
         Patterns | None,
         about(
-            'many screws in the place of one `substructure`: those with names like "m4_*", or like one of several, '
-            '["m4_*", "m5_lid"]; the results name table_part'
+            'several screws instead of one `substructure`: those whose names match "m4_*", or one of several patterns, '
+            '["m4_*", "m5_lid"]; the results use the names table_part'
         ),
     ] = None
     axis: Annotated[
         Direction | None,
-        about("axis of the shank (its length and sense do not matter); that of its round faces where left out", "1"),
+        about("axis of the shank (length and sense are arbitrary); default: that of its round faces", "1"),
     ] = None
-    force: Annotated[
-        Real | None, about("tension of the shank, as modelled, when the bolt has been tightened", "N", gt=0)
-    ] = None
+    force: Annotated[Real | None, about("tension of the modelled shank after tightening", "N", gt=0)] = None
     torque: Annotated[
         Real | None, about("tightening torque of the whole screw; its force follows from the next two", "N m", gt=0)
     ] = None
     diameter: Annotated[
-        Real | None,
-        about("nominal diameter d of the thread, with `torque`; that of `thread` where left out", "m", gt=0),
+        Real | None, about("nominal diameter d of the thread, with `torque`; default: that of `thread`", "m", gt=0)
     ] = None
     nut_factor: Annotated[
         Real | None,
-        about("nut factor K, with `torque`; 0.2 where left out (0.15 oiled, with a scatter of a third)", "1", gt=0),
+        about("nut factor K, with `torque`; default: 0.2 (0.15 if oiled, with a scatter of a third)", "1", gt=0),
     ] = None
     thread: Annotated[
         Thread | None,
@@ -164,15 +159,14 @@ class Bolt(SceneTable):
     shank: Annotated[
         Literal["free", "contact"],
         about(
-            'of a screw whose thread names a `part`: "free", the shank touches nothing beside its thread; "contact", '
-            "it takes part in the searches for contacts, but for a belt around its cut"
+            'for a screw whose thread names a `part`: "free": only the thread of the shank is in contact; "contact": '
+            "the shank is included in contact searches, except for a belt around its cut"
         ),
     ] = "free"
     share: Annotated[
         Real | None,
         about(
-            "share of the whole screw that is modelled; 1/2 or 1/4 by the faces of symmetry along the axis where left "
-            "out",
+            "modelled share of the whole screw; default: 1/2 or 1/4 by the symmetry faces along the axis",
             "1",
             gt=0,
             le=1,
@@ -181,11 +175,15 @@ class Bolt(SceneTable):
     shortening: Annotated[Real | None, about("shortening of the shank between head and nut", "m", gt=0)] = None
     point: Annotated[
         Vector | None,
-        about("point near the shank on the plane of the cut; the middle of the thinnest stretch where left out", "m"),
+        about("point near the shank on the plane of the cut; default: the middle of the thinnest section", "m"),
     ] = None
     hardening: Annotated[
         Real | None,
-        about("the shank yields: tension per plastic elongation beyond yield_stress times stress area", "N m-1", ge=0),
+        about(
+            "hardening of the yielding shank: tension per plastic elongation beyond yield_stress times stress area",
+            "N m-1",
+            ge=0,
+        ),
     ] = None
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
 
@@ -309,7 +307,7 @@ def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
                 f"not the diameter of the thread {_size_text(thread)}",
                 f"{diameter:g} {system_named(raw.get('units'))['m']}",
                 f"{wanted:g} {system_named(raw.get('units'))['m']}",
-                "leave the diameter out: it follows from the thread",
+                "omit the diameter: it follows from the thread",
             )
     part = thread.get("part") if isinstance(thread, Mapping) else None
     bodies = list(named_tables(raw, "substructure"))
@@ -349,10 +347,10 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
         if substructures[body].get("rigid") is True:
             yield Problem(
                 f"{where}.substructure",
-                "a rigid body cannot be stretched",
+                "a rigid body cannot elongate",
                 shown(body),
                 "an elastic substructure",
-                f"leave out substructure.{body}.rigid",
+                f"omit substructure.{body}.rigid",
             )
         for key in ("initial_velocity", "initial_spin"):
             if moves(substructures[body].get(key)):
@@ -370,5 +368,5 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
             "bolts are tightened in the static equilibrium that a scene with bolts starts from",
             "given",
             '"static"',
-            "leave time.start out, or remove the bolts",
+            "omit time.start, or remove the bolts",
         )

@@ -23,7 +23,7 @@ def _check_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
 Axes = Annotated[tuple[Axis, ...], BeforeValidator(_as_list), AfterValidator(_check_axes)]
 FacePair = Annotated[tuple[Face, Face], BeforeValidator(_as_list)]
 _FACE = 'the face, "substructure.face"'
-_AXES = "axes of the components; the global ones where left out"
+_AXES = "axes of the components; default: the global axes"
 
 
 class Fixed(SceneTable):

@@ -78,8 +78,8 @@ class DampingTable(SceneTable):
     band: Annotated[
         Band | None,
         about(
-            "ends of the band in which the ratio holds; where left out, from a third of the lowest natural frequency "
-            "of the tightened assembly to the highest frequency that spectra, filters and loads ask for",
+            "ends of the band in which the ratio holds; default: from a third of the lowest natural frequency of the "
+            "tightened assembly to the highest frequency required by spectra, filters and loads",
             "Hz",
         ),
     ] = None

@@ -21,18 +21,18 @@ _LONGEST_KEY, _LONGEST_TABLE = 100, 120  # characters shown of a key, and of the
 _WHAT: Final = {
     "missing": "this key is missing",
     "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "int_from_float": "must be a whole number",
+    "int_type": "must be an integer",
+    "int_from_float": "must be an integer",
     "bool_type": "must be true or false",
-    "string_type": "must be text",
+    "string_type": "must be a string",
     "finite_number": "must be a finite number",
     "greater_than": "out of range",
     "greater_than_equal": "out of range",
     "less_than": "out of range",
     "less_than_equal": "out of range",
     "tuple_type": "must be a list",
-    "too_long": "has too many values",
-    "too_short": "is empty: at least one is needed",
+    "too_long": "too many values",
+    "too_short": "is empty: at least one value is required",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "dict_type": "must be a table",
@@ -129,12 +129,12 @@ def _metadata(field: FieldInfo) -> list[Any]:
 
 
 def kind_of(field: FieldInfo) -> str:
-    """What to write: number, whole number, text, list of 3 numbers, one of "a", "b" ..."""
+    """What to write: number, integer, string, list of 3 numbers, one of "a", "b" ..."""
     return _kind(field.annotation)
 
 
 def _kind(annotation: Any) -> str:
-    simple = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+    simple = {float: "number", int: "integer", str: "string", bool: "true or false"}
     if annotation in simple:
         return simple[annotation]
     parts = [part for part in get_args(annotation) if part is not type(None)]
@@ -152,7 +152,7 @@ def _kind(annotation: Any) -> str:
         if item.startswith("list of"):
             item = f"lists{item.removeprefix('list')}"
         elif not item.startswith('"'):
-            item = f"{item}s"
+            item = " | ".join(f"{kind}s" for kind in item.split(" | "))
         return f"list of {item}" if parts[-1] is Ellipsis else f"list of {len(parts)} {item}"
     if hasattr(annotation, "__metadata__"):
         return _kind(parts[0])
@@ -172,7 +172,7 @@ def allowed_text(field: FieldInfo | None, item: bool = False) -> str | None:
 
 
 def _one_item(kind: re.Match[str]) -> str:
-    return f"list {kind[2]}" if kind[2] else kind[4]
+    return f"list {kind[2]}" if kind[2] else kind[4].replace("s | ", " | ")
 
 
 def unit_at(root: type[BaseModel], path: str) -> str | None:
@@ -231,10 +231,10 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         options = re.findall(r"'([^']*)'", context["expected"]) or re.findall(r"\d+", context["expected"])
         return Problem(where, "unknown value", value, ", ".join(options), did_you_mean(detail["input"], options))
     if kind == "missing" and isinstance(location[-1], int):
-        return Problem(path_text(path[:-1]), "has too few values", value, allowed_text(field_at(root, location)))
+        return Problem(path_text(path[:-1]), "too few values", value, allowed_text(field_at(root, location)))
     what = _WHAT.get(kind, detail["msg"])
     if kind == "float_type" and isinstance(detail["input"], int) and not isinstance(detail["input"], bool):
-        what = "too large for a number"
+        what = "number out of range"
     allowed = allowed_text(field_at(root, location), item=isinstance(location[-1], int)) if location else None
     return Problem(where, what, None if kind == "missing" else value, allowed)
 

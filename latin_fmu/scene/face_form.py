@@ -43,7 +43,7 @@ class Crown(SceneTable):
 
     type: Literal["crown"] = "crown"
     radius: Annotated[Real, about("radius of the crown", "m", gt=0)]
-    axis: Annotated[Direction | None, about("axis of a cylinder; a sphere where left out", "1")] = None
+    axis: Annotated[Direction | None, about("axis of a cylinder; a sphere if omitted", "1")] = None
     radius_along: Annotated[Real | None, about("radius of the sections along that axis", "m", gt=0)] = None
     centre: Annotated[Vector | None, about(_CENTRE, "m")] = None
 

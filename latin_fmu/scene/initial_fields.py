@@ -84,7 +84,7 @@ class InitialStateTable(SceneTable):
     bodies: Annotated[
         tuple[BodyName, ...] | None,
         BeforeValidator(_as_list),
-        about("substructures that start so, of the same names and meshes in that run; all of them where left out"),
+        about("substructures that start from this state, with the same names and meshes in that run; default: all"),
     ] = None
 
 

@@ -57,7 +57,7 @@ def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Proble
             )
     for key in TAKES.get(behaviour, ()):
         if key in PARAMETERS and Interface.model_fields[key].default is None and not given(table, key):
-            yield Problem(f"{where}.{key}", f"missing: {kind} needs it", None, "a number >= 0")
+            yield Problem(f"{where}.{key}", f"missing: {kind} requires it", None, "a number >= 0")
     yield from _value_problems(where, table, behaviour)
 
 
@@ -104,7 +104,7 @@ def _interference_problems(where: str, table: RawTable, pressed: Sequence[str]) 
             "given together with 'gap'",
             f"{number(table, 'interference'):g} with gap = {shown(table['gap'])}",
             "one of them",
-            "remove gap: faces that overlap have none",
+            "remove gap: overlapping faces have no gap",
         )
     for key in pressed[:1]:
         yield Problem(
@@ -183,7 +183,7 @@ class Interface(SceneTable):
     behaviour: Annotated[Behaviour, about(f"what happens there: {', '.join(BEHAVIOUR_NAMES)}")] = "contact"
     friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu (contact, soft_contact)", "1", ge=0)] = 0.0
     ground: Annotated[
-        GroundPlane | None, about("place of the ground; behind the face, which must be plane, where left out")
+        GroundPlane | None, about("position of the ground; default: directly behind the face, which must be plane")
     ] = None
     points_from: Annotated[
         Literal["automatic", "E", "Ep"],
@@ -193,12 +193,12 @@ class Interface(SceneTable):
         ),
     ] = "automatic"
     search: Annotated[
-        Real | None, about("only where the faces are nearer than this along N; anywhere where left out", "m", gt=0)
+        Real | None, about("only points where the faces are nearer than this along N; default: all points", "m", gt=0)
     ] = None
     gap: Annotated[
         Gap | None,
         about(
-            'initial distance along N (behaviours that open): "measured" on the meshes (also where left out), "closed" '
+            'initial distance along N (behaviours that open): "measured" on the meshes (the default), "closed" '
             "(zero, whatever the distance of the meshes), or a number, which counts whatever their distance",
             "m",
         ),
@@ -206,8 +206,7 @@ class Interface(SceneTable):
     interference: Annotated[
         Real,
         about(
-            "how far the faces of a press fit overlap before they press each other (behaviours that open); the overlap "
-            "of the meshes where left out",
+            "interference of the faces of a press fit (behaviours that open); default: the overlap of the meshes",
             "m",
             ge=0,
         ),
@@ -242,7 +241,7 @@ class Interface(SceneTable):
     tangential_viscosity: Annotated[
         Real | None, about("viscosity per area across N (viscous_joint)", "N s m-3", ge=0)
     ] = None
-    ground_velocity: Annotated[GroundVelocity | None, about("motion of the ground; at rest where left out")] = None
+    ground_velocity: Annotated[GroundVelocity | None, about("motion of the ground; at rest if omitted")] = None
 
     @property
     def against_ground(self) -> bool:
@@ -302,7 +301,7 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(_as_list)]
 
 class _ContactKeys(SceneTable):
     search: Annotated[Real, about("boundaries nearer than this along the normal become an interface", "m", gt=0)]
-    parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
+    parts: Annotated[Names | None, about("substructures included in the search; default: all")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
     gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
     overlap: Annotated[Overlap, about("meshes that overlap, as for an interface")] = "interference"
@@ -338,7 +337,7 @@ else:
         __base__=_ContactKeys,
         __doc__=_SEARCH,
         **{key: (field.annotation, field) for key, field in Interface.model_fields.items() if key in PARAMETERS},
-        **{"except": (Annotated[NamePairs, about("pairs of substructures that are left out")], ())},
+        **{"except": (Annotated[NamePairs, about("pairs of substructures that are excluded")], ())},
     )
 
 

@@ -114,26 +114,26 @@ class CsvLaw(_PointsLaw):
         Text, about("file, relative to the scene file; the lines above the numbers name columns and units, or nothing")
     ]
     time_column: Annotated[
-        Column | None, about("column of the times: name in the header, or number from 1; the first where left out", "1")
+        Column | None, about("column of the times: name in the header, or number from 1; default: the first", "1")
     ] = None
     column: Annotated[
         Column | None,
         about(
-            "column of the values; the second where left out, of a file that has two. Of a universal file the function "
+            "column of the values; default: the second of a file with two columns. In a universal file the function "
             "of time: number from 1, name, or point",
             "1",
         ),
     ] = None
     time_unit: Annotated[
         TimeUnit | None,
-        about(f"unit of the times: {names_for('s')}, or the factor to s; left out: that of the header, else s", "s"),
+        about(f"unit of the times: {names_for('s')}, or the factor to s; default: that of the header, or s", "s"),
     ] = None
     value_unit: Annotated[
         ValueUnit | None,
         about(
             "unit of the values, of the quantity that the law multiplies (which then is 1 along its direction): "
-            f"{', '.join(map(names_for, MULTIPLIED))}, or the factor to the units of the scene; 1 where left out, "
-            "which a header with another unit refuses",
+            f"{', '.join(map(names_for, MULTIPLIED))}, or the factor to the units of the scene; default: 1, which is "
+            "refused if the header has another unit",
             "1",
         ),
     ] = None

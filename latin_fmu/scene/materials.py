@@ -25,7 +25,7 @@ class OrthotropicTable(SceneTable):
     young_moduli: Annotated[_Moduli, about("Young's moduli E_1, E_2, E_3", "Pa")]
     poisson_ratios: Annotated[Vector, about("Poisson's ratios nu_12, nu_13, nu_23", "1")]
     shear_moduli: Annotated[_Moduli, about("shear moduli G_12, G_13, G_23", "Pa")]
-    axes: Annotated[LocalAxes | None, about("axes x = 1, y = 2; the global ones where left out")] = None
+    axes: Annotated[LocalAxes | None, about("axes x = 1, y = 2; default: the global axes")] = None
     thermal_expansions: Annotated[
         Vector | None, about("thermal expansion along 1, 2, 3; required where a temperature acts", "K-1")
     ] = None
@@ -68,9 +68,7 @@ class MaterialTable(SceneTable):
     poisson_ratio: Annotated[
         Real | None, about("Poisson's ratio nu; required without `orthotropic`", "1", gt=-1, lt=0.5)
     ] = None
-    orthotropic: Annotated[
-        OrthotropicTable | None, about("nine constants along three axes in the place of E and nu")
-    ] = None
+    orthotropic: Annotated[OrthotropicTable | None, about("nine constants along three axes instead of E and nu")] = None
     thermal_expansion: Annotated[
         Real | None, about("coefficient of thermal expansion alpha; required where a temperature acts", "K-1")
     ] = None
@@ -79,7 +77,7 @@ class MaterialTable(SceneTable):
         Real, about("Rayleigh damping, share a of the mass, on the absolute velocity", "s-1", ge=0)
     ] = 0.0
     rayleigh_stiffness: Annotated[Real, about("Rayleigh damping, share b of the stiffness", "s", ge=0)] = 0.0
-    damping_ratios: Annotated[DampingRatios | None, about("damping by strain, by the ratios over a band")] = None
+    damping_ratios: Annotated[DampingRatios | None, about("strain damping, given by ratios over a band")] = None
     frame: Annotated[
         Literal["absolute"] | None,
         about("`absolute`: Rayleigh damping whose mass part brakes velocities against a medium at rest"),

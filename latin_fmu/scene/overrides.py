@@ -160,7 +160,7 @@ def no_number(where: str, data: Mapping[str, Any], path: str) -> Problem:
     if isinstance(found, str):
         return Problem(where, "no number under this name", named or shown(found), "a number", "give the key a number")
     allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
-    remedy = "write the key in full, and in the scene where it is left out (a measured gap as a number)"
+    remedy = "write the key in full; if the scene omits it, add it (a measured gap as a number)"
     return Problem(where, "no number under this name", named, allowed, remedy)
 
 

@@ -60,7 +60,7 @@ class Port(SceneTable):
     ] = None
     laws: Annotated[
         dict[Component, Law],
-        about("time law of the input of a component, in SI units; input where left out"),
+        about("time law of the input of a component, in SI units; default: input"),
         Field(default_factory=dict),
     ]
 

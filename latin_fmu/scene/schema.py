@@ -239,7 +239,7 @@ class Scene(SceneTable):
     ] = Field(default_factory=dict)
     substructure: Annotated[dict[BodyName, Substructure], about("substructures by name"), Field(min_length=1)]
     damping: Annotated[
-        DampingTable | None, about("damping ratio of all materials, springs and elastic layers that say nothing")
+        DampingTable | None, about("damping ratio of all materials, springs and elastic layers without their own")
     ] = None
     interface: Annotated[dict[Name, Interface], about("interfaces by name")] = Field(default_factory=dict)
     contact: Annotated[
@@ -247,11 +247,11 @@ class Scene(SceneTable):
     ] = Field(default_factory=dict)
     boundary: Annotated[dict[Name, Boundary], about("boundary conditions by name")] = Field(default_factory=dict)
     load: Annotated[dict[Name, Load], about("loads by name")] = Field(default_factory=dict)
-    point_mass: Annotated[dict[Name, PointMass], about("masses on points and faces, by name")] = Field(
+    point_mass: Annotated[dict[Name, PointMass], about("masses at points and on faces, by name")] = Field(
         default_factory=dict
     )
-    gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
-    motion: Annotated[Motion | None, about("velocity at t = 0 of a thrown assembly")] = None
+    gravity: Annotated[Gravity | None, about("acceleration acting on every body")] = None
+    motion: Annotated[Motion | None, about("initial velocity of the assembly at t = 0")] = None
     temperature: Annotated[dict[Name, Temperature], about("changes of temperature by name")] = Field(
         default_factory=dict
     )
@@ -259,13 +259,11 @@ class Scene(SceneTable):
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name")] = Field(default_factory=dict)
     coupling: Annotated[dict[Name, CouplingTable], about("couplings by name")] = Field(default_factory=dict)
     sensor: Annotated[dict[Name, Sensor], about("sensors by name")] = Field(default_factory=dict)
-    port: Annotated[dict[Name, Port], about("faces that other models are connected to, by name")] = Field(
-        default_factory=dict
-    )
-    initial_state: Annotated[InitialStateTable | None, about("state of an earlier run that bodies start from")] = None
+    port: Annotated[dict[Name, Port], about("faces connected to other models, by name")] = Field(default_factory=dict)
+    initial_state: Annotated[InitialStateTable | None, about("initial state of bodies from an earlier run")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
-    output: Annotated[Output, about("what the results keep")] = Output()
+    output: Annotated[Output, about("contents of the results")] = Output()
     accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
     fmu: Annotated[Fmu, about("author, version, copyright and licence of an FMU of the scene")] = Fmu()
     spread: Annotated[

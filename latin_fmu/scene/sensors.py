@@ -55,11 +55,11 @@ Filter = Annotated[Annotated[_Filter, Field(discriminator="type")], by_type(_Fil
 class Spectrum(SceneTable):
     """Shock response spectrum of the acceleration of a sensor: largest response of oscillators on it."""
 
-    lowest: Annotated[
-        Real | None, about("first frequency; one over the duration of the run where left out", "Hz", gt=0)
-    ] = None
+    lowest: Annotated[Real | None, about("first frequency; default: one over the duration of the run", "Hz", gt=0)] = (
+        None
+    )
     highest: Annotated[
-        Real | None, about("last frequency; a tenth of the sampling rate of the run where left out", "Hz", gt=0)
+        Real | None, about("last frequency; default: a tenth of the sampling rate of the run", "Hz", gt=0)
     ] = None
     per_octave: Annotated[Count, about("frequencies per octave", "1", ge=1, le=96)] = 12
     quality: Annotated[Real, about("amplification Q = 1 / (2 damping ratio) of the oscillators", "1", gt=0.5)] = 10.0
@@ -98,8 +98,8 @@ class Sensor(SceneTable):
         Vector | None, about("where to measure, before any motion; in or on the body without `face`", "m")
     ] = None
     face: Annotated[Face | None, about('face whose mean by area is measured, "substructure.face"')] = None
-    filter: Annotated[Filter | None, about("low pass; the results keep the unfiltered motion, too")] = None
-    spectrum: Annotated[Spectrum | None, about("shock response spectrum in the results ({}: with its defaults)")] = None
+    filter: Annotated[Filter | None, about("low-pass filter; the results contain the unfiltered motion as well")] = None
+    spectrum: Annotated[Spectrum | None, about("shock response spectrum in the results ({}: default values)")] = None
 
     @property
     def body(self) -> str:

@@ -134,7 +134,7 @@ class Time(SceneTable):
 
     end: Annotated[Real, about("last instant", "s", gt=0)]
     step: Annotated[
-        Real | None, about("time step; `end` must be a whole number of steps (to 1e-6 step)", "s", gt=0)
+        Real | None, about("time step; `end` must be an integer multiple of it (to 1e-6 step)", "s", gt=0)
     ] = None
     instants: Annotated[Count | None, about("number of steps", "1", ge=1, le=MAX_INSTANTS)] = None
     scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = (
@@ -181,17 +181,17 @@ class Output(SceneTable):
     reactions: Annotated[
         Flag,
         about(
-            "resultant force of every boundary that holds or drives a face of an elastic substructure; what several "
-            "hold, an edge of two faces, they carry in equal parts"
+            "resultant force of every boundary that fixes or drives a face of an elastic substructure; nodes with "
+            "several boundaries, as on an edge of two faces, contribute to them in equal parts"
         ),
     ] = False
     energy: Annotated[Flag, about("energy balance of the assembly")] = False
-    every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1
+    every: Annotated[Count, about("output interval of fields and stress in steps", "1", ge=1)] = 1
     interfaces_every: Annotated[
         Count,
         about(
-            "histories of the interfaces are kept every so many steps; forces, contact times and estimates follow from "
-            "the kept ones",
+            "output interval of the histories of the interfaces in steps; forces, contact times and estimates follow "
+            "from the stored instants",
             "1",
             ge=1,
         ),
@@ -206,8 +206,8 @@ class Output(SceneTable):
     check_sensitivities: Annotated[
         Literal["all", "flagged", "none"],
         about(
-            "parameters for which the scene is run once more, 5 % larger: all, those by which a quantity is flagged, "
-            "or none; changes that are flagged, or that the run contradicts, are those of that run"
+            "parameters for which the scene is run again with a value 5 % larger: all, those with a flagged quantity, "
+            "or none; flagged changes, and changes contradicted by that run, are taken from it"
         ),
     ] = "all"
     acceleration: Annotated[
@@ -220,8 +220,8 @@ class Output(SceneTable):
     peak_duration: Annotated[
         Real | None,
         about(
-            "peak_force is the largest mean of the normal force over this time; a tenth of the longest contact of the "
-            "interface where left out",
+            "averaging time of peak_force, the largest mean of the normal force; default: a tenth of the longest "
+            "contact of the interface",
             "s",
             gt=0,
         ),
@@ -246,7 +246,7 @@ class Fmu(SceneTable):
     version: Annotated[Text, about("version of the model")] = ""
     copyright: Annotated[Text, about("copyright of the model")] = ""
     licence: Annotated[Text, about("licence of the model, attribute `license` of the FMI")] = ""
-    description: Annotated[Text, about("what the model is; that of the scene where left out")] = ""
+    description: Annotated[Text, about("description of the model; default: that of the scene")] = ""
 
 
 def _check_quantity(quantity: str) -> str:
@@ -410,7 +410,7 @@ def _check_window(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
         return value
     remedy = did_you_mean(value, (WHOLE,)) if isinstance(value, str) else None
-    raise refusal("not a window", value=value, allowed=f'a whole number >= 1, or "{WHOLE}"', remedy=remedy)
+    raise refusal("not a window", value=value, allowed=f'an integer >= 1, or "{WHOLE}"', remedy=remedy)
 
 
 class OperatorFolder(SceneTable):
@@ -443,21 +443,21 @@ class Solver(SceneTable):
         about("on the amplitude of the error indicator, sqrt(eta); 1e-5 with quasi_static = true", "1", gt=0, lt=1),
     ] = 1e-3
     force_tolerance: Annotated[
-        Real | None, about("on the interface force residual; 10 * tolerance where left out", "1", gt=0)
+        Real | None, about("on the interface force residual; default: 10 * tolerance", "1", gt=0)
     ] = None
     max_iterations: Annotated[Count, about("of one window", "1", ge=1, le=MAX_ITERATIONS)] = 200
     search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
     acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = AndersonTable()
     relaxation: Annotated[Real, about("1: none; 1/2: the most robust", "1", gt=0, le=1)] = 1.0
     window: Annotated[
-        Window, about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1")
+        Window, about('instants solved together: an integer >= 1, or "whole" for the whole interval', "1")
     ] = 1
     skip_at_rest: Annotated[
         Literal["off", "exact", "round_off", "tolerance"],
         about(
-            "substructures still at rest are not solved while the tractions on them are exactly zero (exact), or below "
-            "1e-13 (round_off) or tolerance / 100 (tolerance) of the largest tractions that the loads can cause; a run "
-            "leaves those out that nothing touches, but for off"
+            "substructures at rest are not solved as long as the tractions on them are exactly zero (exact), or below "
+            "1e-13 (round_off) or tolerance / 100 (tolerance) of the largest tractions that the loads can cause; "
+            "unless off, a run also omits substructures that are never touched"
         ),
     ] = "round_off"
     skip_unchanged: Annotated[
@@ -470,15 +470,16 @@ class Solver(SceneTable):
     newton: Annotated[
         bool,
         about(
-            "instants in which the iteration is slow (long steps with slip, statics) are ended by Newton steps on the "
-            "interfaces; without effect with acceleration none and in longer windows"
+            "Newton steps on the interfaces complete instants with slow convergence (long steps with slip, statics); "
+            "no effect with acceleration none and in longer windows"
         ),
     ] = True
     bonds: Annotated[
         Literal["direct", "iterate"],
         about(
-            "perfect interfaces: bodies that they join are one substructure of the direct march, so that they take no "
-            "iteration, where that can be and is cheaper as predicted; or they are iterated as other interfaces"
+            "perfect interfaces: if possible and predicted to be cheaper, the direct march (time integration) treats "
+            "the bonded bodies as one substructure, without iteration; otherwise they are iterated like other "
+            "interfaces"
         ),
     ] = "direct"
     start: Annotated[
@@ -492,40 +493,40 @@ class Solver(SceneTable):
     reduction_error: Annotated[
         Real,
         about(
-            "largest error of any quantity up to which `automatic` marches an assembly by its modes", "1", gt=0, lt=1
+            "largest error of any quantity with which `automatic` integrates an assembly by its modes", "1", gt=0, lt=1
         ),
     ] = 0.02
     precision: Annotated[
         Literal["float64", "float32"],
         about(
-            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-5; "
-            "forces and momentum then balance to 1e-6"
+            "precision of the factors of the direct propagator; float32 halves their memory and changes results by "
+            "1e-8 to 1e-5; forces and momentum then balance to 1e-6"
         ),
     ] = "float64"
     interface_operator: Annotated[
         Literal["automatic", "dense", "exact", "sparse"],
         about(
-            "how direct propagators solve with the interfaces of a substructure: by dense matrices, which suits small "
-            "interfaces; exactly, by substitution through the part of its factor next to them, which suits large ones; "
-            "by sparse tables, truncated at a tenth of the tolerance and corrected by the exact motion at the end of "
-            "every instant, where steps are short (else exactly); or by what costs less. The converged result is the "
-            "same within the tolerance"
+            "how direct propagators compute the interface response of a substructure: dense: by dense matrices, for "
+            "small interfaces; exact: by substitution through the adjacent part of its factor, for large interfaces; "
+            "sparse: by sparse tables, truncated at a tenth of the tolerance and corrected by the exact motion at the "
+            "end of every instant, if steps are short (otherwise exact); automatic: the cheapest of these. The "
+            "converged result is the same within the tolerance"
         ),
     ] = "automatic"
     share_identical: Annotated[
         bool, about("identical substructures share one factorisation and are solved together: faster, same results")
     ] = True
 
-    operators: Annotated[
-        OperatorFolder | None, about("folder that keeps what is factorised for the next run; none where left out")
-    ] = None
+    operators: Annotated[OperatorFolder | None, about("folder that stores factors for later runs; default: none")] = (
+        None
+    )
     threads: Annotated[
         int,
         Field(ge=1, le=256),
         about(
-            "threads of set-up, static start and march, one a core: they share the substructures, the points of the "
-            "interfaces and the pieces of large factors; of use from some thousands of unknowns; results are the same "
-            "to the last bit",
+            "threads of set-up, static start and march, one per core: they share the substructures, the points of the "
+            "interfaces and the blocks of large factors; useful from some thousands of unknowns; results are "
+            "bit-identical",
             "1",
         ),
     ] = 1
@@ -552,7 +553,7 @@ def _output_problems(output: RawTable, units: object) -> Iterator[Problem]:
             "the energies of the interfaces need every instant (output.energy = true)",
             f"{every:g}",
             "1",
-            "leave one of the two out",
+            "omit one of the two",
         )
 
 
@@ -588,7 +589,7 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
     if abs(ratio - n_step) > _STEP_ROUND_OFF:
         yield Problem(
             "time.end",
-            f"not a whole number of steps ({ratio:.9g} of them)",
+            f"not an integer number of steps ({ratio:.9g})",
             shown(end),
             f"a multiple of step = {step:.12g}",
             f"nearest: end = {n_step * step:.12g}, or instants = {n_step} instead of step",
@@ -598,7 +599,7 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
 def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]:
     if not _SHORTEST <= step <= _LONGEST:
         allowed = f"steps of {_SHORTEST:g} to {_LONGEST:g} s"
-        yield Problem(where, "a step of a length that cannot be computed with", shown(value), allowed)
+        yield Problem(where, "step length out of range", shown(value), allowed)
 
 
 def with_defaults(raw: Any) -> Any:
@@ -635,7 +636,7 @@ def _propagator_problems(raw: Any) -> Iterator[Problem]:
             "the explicit propagator has its own time scheme",
             shown(scheme),
             f'time.scheme = "{CENTRAL}", or none',
-            "leave out time.scheme, or choose another propagator",
+            "omit time.scheme, or choose another propagator",
         )
     if kind == "reduced" and scheme not in (None, "automatic", CENTRAL, *_REDUCIBLE):
         yield Problem(
@@ -649,10 +650,10 @@ def _propagator_problems(raw: Any) -> Iterator[Problem]:
     if precision == "float32" and (scheme == CENTRAL or kind in ("explicit", "reduced", "cg")):
         yield Problem(
             "solver.precision",
-            "this is the precision of factors, which only the direct propagator has",
+            "only the direct propagator has factors with a precision",
             shown(precision),
             'solver.propagator = "direct" or "automatic"',
-            "leave out solver.precision",
+            "omit solver.precision",
         )
     form, window = (single_table(raw, "solver").get(name) for name in ("interface_operator", "window"))
     if form == "sparse" and (window not in (None, 1) or _is_static(raw)):
@@ -662,10 +663,10 @@ def _propagator_problems(raw: Any) -> Iterator[Problem]:
     if form in ("exact", "sparse") and (scheme == CENTRAL or kind in ("explicit", "reduced", "cg")):
         yield Problem(
             "solver.interface_operator",
-            "interfaces are solved with by substitution through factors, which only the direct propagator has",
+            "substitution through factors requires the direct propagator",
             shown(form),
             'solver.propagator = "direct" or "automatic"',
-            "leave out solver.interface_operator",
+            "omit solver.interface_operator",
         )
     if scheme == CENTRAL and kind not in (None, "automatic", "explicit"):
         yield Problem(
@@ -702,7 +703,7 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
                 f"boundary.{name}",
                 "an absorbing boundary acts on velocities only",
                 "absorbing",
-                "remove it, or hold the face",
+                "remove it, or fix the face",
             )
         elif table.get("type") == "acceleration":
             what = "an acceleration needs inertia"
@@ -725,13 +726,11 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
 
 def _solver_problems(solver: RawTable) -> Iterator[Problem]:
     if given(solver, "window") and solver["window"] != 1:
-        yield _refused(
-            "solver.window", "increments of load are solved one by one", solver["window"], "leave the window out"
-        )
+        yield _refused("solver.window", "load increments are solved one by one", solver["window"], "omit the window")
     kind = chosen_type(solver, "propagator")
     if kind not in (None, "automatic", "direct"):
         yield _refused(
-            "solver.propagator", "static steps are solved by the direct propagator", kind, "leave the propagator out"
+            "solver.propagator", "static steps are solved by the direct propagator", kind, "omit the propagator"
         )
 
 

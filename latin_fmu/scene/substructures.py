@@ -71,7 +71,7 @@ class BoxTable(SceneTable):
         edges = [length / count for length, count in zip(self.size, self.elements, strict=True)]
         if min(edges) < _SMALLEST or max(*map(abs, self.origin), *self.size) > _LARGEST:
             raise refusal(
-                "lengths that cannot be computed with",
+                "lengths out of range",
                 value=f"origin {list(self.origin)}, size {list(self.size)}",
                 allowed=f"edges from {_SMALLEST:g} m, coordinates up to {_LARGEST:g} m",
             )
@@ -88,8 +88,8 @@ MAX_REFINEMENTS: Final = 4  # 4096 cells of each
 Refinements = Annotated[
     Count,
     about(
-        "times every cell is split into eight; the surface stays that of the file, and does not come closer to the "
-        "shape that was meshed",
+        "number of times that every cell is split into eight; the surface remains that of the file and does not "
+        "approach the meshed geometry",
         "1",
         ge=0,
         le=MAX_REFINEMENTS,
@@ -101,8 +101,8 @@ Words = Annotated[tuple[Text, ...], BeforeValidator(_as_list)]
 Ignored = Annotated[
     Words,
     about(
-        "element types and keywords that the file holds, that are not read, and that the scene does without: solids of "
-        'another kind, such as "COH3D8", and what changes the mesh'
+        "unsupported element types and keywords of the file that are ignored: solids of another kind, such as "
+        '"COH3D8", and keywords that change the mesh'
     ),
 ]
 
@@ -112,7 +112,7 @@ class MeshFile(SceneTable):
     pyramids of 5 or 13, also mixed); its faces are the named surface groups of the file."""
 
     file: Annotated[Text, about("mesh file, relative to the scene file (its formats: docs/mesh_files.md)")]
-    group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
+    group: Annotated[Text | None, about("named volume group to use; default: the whole file")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
     refine: Refinements = 0
     ignore: Ignored = ()
@@ -129,7 +129,7 @@ class ModalDampingTable(SceneTable):
     ratio: Annotated[Real, about("damping ratio zeta of each mode", "1", gt=0, lt=1)]
     below: Annotated[
         Real | None,
-        about("frequency up to which modes are damped; where left out, all of the reduced basis", "Hz", gt=0),
+        about("frequency up to which modes are damped; default: all modes of the reduced basis", "Hz", gt=0),
     ] = None
 
 
@@ -241,13 +241,13 @@ class Gravity(SceneTable):
 
 
 class Motion(SceneTable):
-    """A velocity that all substructures have at t = 0, as a thrown or falling assembly has.
+    """A common velocity of all substructures at t = 0, for an assembly with an initial velocity.
 
     It is added to the initial velocities of the substructures, which then are relative to it: a static start, with its
     bolts, is an equilibrium of what moves with it. Supports have to move with it as well.
     """
 
-    velocity: Annotated[Vector, about("velocity of everything at t = 0", "m s-1")]
+    velocity: Annotated[Vector, about("velocity of the whole assembly at t = 0", "m s-1")]
 
 
 class Temperature(SceneTable):
@@ -280,7 +280,7 @@ def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
         if table.get("rigid") is True and chosen_type(single_table(raw, "time"), "scheme") == "massless_contact":
             yield Problem(
                 f"{where}.rigid",
-                "massless_contact takes the mass from contact nodes, which a rigid body does not have",
+                "massless_contact removes the mass of contact nodes, which a rigid body does not have",
                 'time.scheme = "massless_contact"',
                 "hht or newmark",
                 "choose another scheme, or leave the body elastic",
@@ -338,10 +338,10 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
         if chosen_type(table, "law") == "input":
             yield Problem(
                 f"temperature.{name}.law",
-                "a temperature is not set from outside: the stresses of the results follow its law",
+                "a temperature cannot be an input: the stresses of the results follow its law",
                 "input",
                 "constant, table, csv and the laws of pulses",
-                "give its course as a table",
+                "give its history as a table",
             )
         for body, own in bodies.items():
             material, heated = own.get("material"), not listed or ALL in listed or body in listed
@@ -354,7 +354,7 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
         if own and not given(single_table(own, "orthotropic") if turned else own, key.rpartition(".")[2]):
             yield Problem(
                 f"material.{material}.{key}",
-                f"temperature {name!r} acts on {body!r}, whose expansion is not known",
+                f"temperature {name!r} acts on {body!r}, which has no coefficient of expansion",
                 None,
                 "list of 3 numbers [K-1]" if turned else "number [K-1]",
                 "e.g. 11.7e-6 for steel, 23e-6 for aluminium; 0 for a body that does not expand",

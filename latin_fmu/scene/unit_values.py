@@ -19,7 +19,7 @@ from .describe import allowed_text, is_named, kind_of, tables_in, tag_of, unit_o
 from .unit_texts import begins_as_number, names_for, si_unit, unit_size, value_and_unit, words_for
 from .units import UnitSystem
 
-_REAL: Final = re.compile(r"(?<!whole )number")
+_REAL: Final = re.compile("number")
 Place = tuple[str | int, ...]
 
 
@@ -38,7 +38,7 @@ def unit_of_values(key: FieldInfo) -> str | None:
     """Unit (UDUNITS, SI) of a key whose numbers may be texts with units; None of other keys."""
     kind = kind_of(key)
     # names of columns and of units are texts of their own
-    return unit_of(key) if _REAL.search(kind) and "text" not in kind else None
+    return unit_of(key) if _REAL.search(kind) and "string" not in kind else None
 
 
 def in_scene_units(

@@ -84,7 +84,7 @@ class BoltEnd:
             touching.append(units[i].attached or f"interface.{units[i].name}")
         why = f"{', '.join(touching)} there, but not along the axis" if touching else "no interface is there"
         remedy = 'bond its thread: thread = {part = "...", length = ...}, or an [interface.NAME] with behaviour = '
-        remedy += '"perfect"; or let a seat, nut, spring or boundary take it'
+        remedy += '"perfect"; or support it by a seat, nut, spring or boundary'
         return Problem(
             f"bolt.{self.cut.name}.thread",
             f"nothing holds {self._words()} against the tension",

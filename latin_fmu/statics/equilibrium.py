@@ -71,7 +71,7 @@ class Equilibrium:
             if tolerance <= _UNSEEN
             else (
                 f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
-                "the residual forces excite vibrations; lower solver.tolerance, or refine where bodies touch",
+                "the residual forces excite vibrations; reduce solver.tolerance, or refine the mesh at contacts",
             )
         )
         return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)

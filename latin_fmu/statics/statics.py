@@ -116,7 +116,7 @@ def start_problems(
     if not still:
         yield Problem(
             "time.start",
-            "every substructure has an initial velocity: nothing is at rest",
+            "every substructure has an initial velocity; none is at rest",
             "static",
             "given",
             'set time.start = "given"',
@@ -131,7 +131,7 @@ def start_problems(
                 "out, so that it would begin without its expansion, and ring",
                 heated[0],
                 "substructures at rest, or a law that begins with 0",
-                "name the others in substructures",
+                "list only the others in substructures",
             )
     for unit in units:
         moving = [name for _, _, name in body_sides([unit]) if name not in still]
@@ -279,7 +279,7 @@ def _no_start(why: str) -> SceneError:
         f"no static equilibrium under the loads of t = 0 was found: {why}",
         "static",
         "given",
-        'hold what slides or topples, or set time.start = "given"',
+        'support the bodies that slide or topple, or set time.start = "given"',
     )
 
 

@@ -43,7 +43,7 @@ def test_the_true_error_is_below_the_target(quantity: str, target: float) -> Non
 def test_the_raw_peak_of_a_force_that_jumps_is_refused() -> None:
     choice, true = aimed(impact_bar(), "peak_force_raw", 0.05)
     assert not choice.reached
-    assert "take peak_force, a mean over a stated time" in choice.sentence
+    assert "use peak_force, a time-averaged force" in choice.sentence
     assert true <= choice.error
 
 
@@ -159,7 +159,7 @@ def test_a_tolerance_that_leaves_too_much_work_is_lowered() -> None:
     lines: list[str] = []
     choice = choose(latin_fmu.load_scene(MODELS / "hammer_on_plate/scene.toml"), 0.1, 60.0, lines.append)
     assert choice.reached, choice.sentence
-    assert any("Lower solver.tolerance" in line for line in lines)
+    assert any("Reduce solver.tolerance" in line for line in lines)
     assert choice.solution is not None
     assert choice.solution.converged
     assert choice.sentence.endswith("tolerance 0.001")

@@ -274,7 +274,7 @@ def test_a_law_written_in_python_is_refused():
     run = session._solver.run
     assert run is not None
     run.image.groups[0]["law"] = -1
-    with pytest.raises(SolverError, match="a law of an interface is written in Python"):
+    with pytest.raises(SolverError, match="an interface has a user-defined law in Python"):
         session.derivative(["interface.crush.force[1]"], ["load.press.value"], [1.0])
 
 

@@ -166,7 +166,7 @@ def test_no_library_and_no_compiler_is_said(monkeypatch) -> None:
     c_runtime.loaded.cache_clear()
     try:
         session = Session(blocks())
-        with pytest.raises(latin_fmu.errors.InputError, match=r"is missing here, and so is a C compiler.*ziglang"):
+        with pytest.raises(latin_fmu.errors.InputError, match=r"is missing, and there is no C compiler.*ziglang"):
             session.initialize()
     finally:
         c_runtime.loaded.cache_clear()

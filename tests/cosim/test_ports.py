@@ -375,7 +375,7 @@ def test_derivatives_by_inputs_of_ports():
         derivative = session.derivative(names, [name], [1.0])
         assert np.abs(difference).max() > 0.0
         assert np.abs(derivative - difference).max() <= 1e-8 * np.abs(difference).max()
-    with pytest.raises(latin_fmu.InputError, match="has no derivative by the rate"):
+    with pytest.raises(latin_fmu.InputError, match="has no derivative with respect to the rate"):
         session.derivative(names, ["port.side.incidentRate[2]"], [1.0])
 
 

@@ -229,7 +229,7 @@ def test_settings_out_of_range_are_listed():
 
 @pytest.mark.parametrize(
     ("settings", "words"),
-    [(Settings(mode=7), "mode: no such choice"), (Settings(interpolation=9), "inputInterpolation: no such choice")],
+    [(Settings(mode=7), "mode: unknown value"), (Settings(interpolation=9), "inputInterpolation: unknown value")],
 )
 def test_choices_that_are_none_are_refused_at_the_start(settings, words):
     session = Session(blocks(), settings)
@@ -241,7 +241,7 @@ def test_choices_that_are_none_are_refused_at_the_start(settings, words):
 @pytest.mark.parametrize(
     ("times", "values", "words"),
     [
-        ([0.0, 1.0], [0.0], "lists of one length"),
+        ([0.0, 1.0], [0.0], "lists of equal length"),
         ([0.0, math.nan], [0.0, 1.0], "row 2 is not a pair of finite numbers"),
         ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "the times must increase strictly; row 3"),
     ],
@@ -328,7 +328,7 @@ def test_no_history_is_kept_unless_asked_for():
     tracemalloc.stop()
     assert grown < 50 * 200  # bytes; a step that is kept takes 10 kB
     for what in (session.dataset, session.estimate_error):
-        with pytest.raises(InputError, match=r"not kept.*Settings\(keep=True\)"):
+        with pytest.raises(InputError, match=r"not stored.*Settings\(keep=True\)"):
             what()
     whole = Session(blocks(), Settings(mode=1))
     whole.initialize()

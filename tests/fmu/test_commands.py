@@ -53,10 +53,10 @@ def test_python_is_a_choice_or_a_need(scene_file, tmp_path, capsys, monkeypatch)
     target, asked = tmp_path / "a.fmu", ["fmu", str(scene_file), "-o", str(tmp_path / "a.fmu"), "--reference", "none"]
     assert cli.main([*asked, "--python"]) == 0
     assert needs_tool(target)
-    assert "needs a Python" not in capsys.readouterr().err
+    assert "needs Python" not in capsys.readouterr().err
     assert cli.main([*asked, *CONJUGATE_GRADIENTS]) == 0
     assert needs_tool(target)
-    assert "needs a Python where it runs, as with --python: " in capsys.readouterr().err
+    assert "warning: this FMU needs Python at run time, as with --python: " in capsys.readouterr().err
     monkeypatch.setattr(library, "shipped", dict)
     for option in ([], ["--portable"], ["--modes", "6"]):
         assert cli.main([*asked, *option]) == 2
@@ -103,7 +103,7 @@ def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, cap
     """Laws of the scene act in the FMU; an input does when it is set; without both there is a warning."""
     target, out = tmp_path / "blocks.fmu", tmp_path / "out.csv"
     unmoved = ["load.push.law=input", "load.press.law=input"]
-    nothing = "nothing has acted: every input has stayed 0, and nothing else loads or moves a body"
+    nothing = "no load was applied: all inputs remained 0, and nothing else loads or moves a body"
     for settings, at_making, started, at_running in (
         ([], ["load.press.value = 0.25", "acts in the FMU as in the scene: load push (half_sine)\n"], [], ""),
         (
@@ -116,7 +116,7 @@ def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, cap
         (unmoved, ["the FMU stays at rest"], ["--start", "load.press.value=0.1"], ""),
         (unmoved, ["the FMU stays at rest"], ["--start", "mode=1"], nothing),
         (unmoved, ["the FMU stays at rest"], ["--start", "mode=1", "--start", "historyFile=time,press;0,0;1e-6,1"], ""),
-        (["load={}"], ["warning: nothing loads or moves a body in this FMU"], [], "nothing loads or moves a body"),
+        (["load={}"], ["warning: no load acts in this FMU"], [], "no load acts in this FMU"),
     ):
         changes = [word for setting in settings for word in ("--set", setting)]
         made = ["fmu", str(scene_file), "-o", str(target), "--reference", "none", *python, *changes]

@@ -254,9 +254,9 @@ def test_what_cannot_be_is_refused_with_a_sentence(opened, fmi):
     host.start(tolerance=1e-7)
     assert "the tolerance 1e-07 of the importer has no effect" in host.messages[-1][2]
     saved = host.save()
-    again = "is not allowed in the state stepFailed" if fmi == "2" else "this very step was discarded before"
+    again = "is not allowed in the state stepFailed" if fmi == "2" else "the same step was already discarded"
     for t, h, level, words in [
-        (0.0, 1e7 * DT, 2, "at most 1e+06: make shorter steps"),
+        (0.0, 1e7 * DT, 2, "at most 1e+06 are allowed: use shorter steps"),
         (0.0, 1e7 * DT, 3, again),
         (0.0, float("nan"), 3, "is not a finite number"),
         (0.0, -DT, 3, "greater than 0"),
@@ -350,7 +350,7 @@ def test_a_state_of_another_fmu_is_refused(opened, tmp_path):
     other.start()
     with pytest.raises(FMICallException):
         other.from_bytes(host.to_bytes(host.save()))
-    assert "it is of another FMU" in other.messages[-1][2]
+    assert "it belongs to another FMU" in other.messages[-1][2]
     other.close()
 
 

@@ -258,7 +258,7 @@ def test_a_host_without_arrays_reads_their_first_elements(opened):
     assert np.array_equal(host.fmu.getFloat64(references, nValues=3), whole)
     with pytest.raises(FMICallException):
         host.fmu.getFloat64(references, nValues=4)
-    assert "reads 4 values of variables that have 37" in host.messages[-1][-1]
+    assert "reads 4 values of variables with 37 values" in host.messages[-1][-1]
 
 
 def test_a_host_that_sets_values_alone_gets_the_causal_line(opened, fmi):

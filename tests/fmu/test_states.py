@@ -108,7 +108,7 @@ def test_handles_that_are_none_are_refused(running):
     for wrong in (number, 12345, 2**62, None):
         host.messages.clear()
         assert host.status(host.restore, ctypes.c_void_p(wrong)) == 3
-        assert "never gave, or that was freed" in host.messages[-1][2]
+        assert "does not belong to this instance, or was freed" in host.messages[-1][2]
         assert host.status(host.to_bytes, ctypes.c_void_p(wrong)) == 3
     assert host.status(host.restore, kept) == 0
     assert np.array_equal(on(host), on(other))

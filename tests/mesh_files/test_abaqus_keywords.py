@@ -263,7 +263,7 @@ def test_three_two_one(tmp_path: Path) -> None:
 def test_an_edge_has_no_area(tmp_path: Path) -> None:
     text = TWO + "*NSET, NSET=edge\n1, 2\n"
     load = {"press": {"face": "low.edge", "pressure": 1.0}}
-    with pytest.raises(LatinError, match="edges or points, which have no area"):
+    with pytest.raises(LatinError, match="an edge or a point and has no area"):
         discretise(scene_of(tmp_path, text, load=load))
     scene = scene_of(tmp_path, text, boundary={"hinge": {"type": "fixed", "face": "low.edge"}})
     assert discretise(scene).conditions["low"].held.sum() == 6

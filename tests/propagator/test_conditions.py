@@ -303,5 +303,5 @@ def test_driven_by_zero_where_another_condition_holds(kind: str) -> None:
 )
 def test_driven_where_another_condition_holds(value: list[float], more: dict[str, Any]) -> None:
     """By a number, or on from an initial velocity across the plane: the conditions contradict each other."""
-    with pytest.raises(SceneError, match="drives nodes already held or driven"):
+    with pytest.raises(SceneError, match="drives nodes that another condition already fixes or drives"):
         built(boundary={"plane": PLANE, "shaker": {**SHAKEN, "value": value}}, substructure={"bar": body(**more)})

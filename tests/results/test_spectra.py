@@ -211,7 +211,7 @@ def test_srs_of_a_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     (tmp_path / "jump.csv").write_text("".join(f"{1e-4 * i:.4f},{1 + i % 2}\n" for i in range(100)))
     assert main(["srs", str(tmp_path / "jump.csv"), "--value-unit", "m/s2"]) == 0
     assert "the larger of both readings, band and lines; they differ by" in capsys.readouterr().out
-    for more, words in (([], "the unit of the values is not known"), (["--value-unit", "N"], "no acceleration")):
+    for more, words in (([], "the unit of the values is unknown"), (["--value-unit", "N"], "not an acceleration")):
         assert main(["srs", str(tmp_path / "jump.csv"), *more]) == 2
         assert words in capsys.readouterr().err
 

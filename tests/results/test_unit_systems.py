@@ -139,7 +139,7 @@ def test_checks_in_the_units_of_the_scene(tmp_path: Path) -> None:
     in_pascal["material"]["other"] = dict(in_pascal["material"]["steel"], young_modulus=7e4, density=2.7e-9)
     in_pascal["substructure"]["lower"]["material"] = "other"
     remarks = latin_fmu.api.checked(latin_fmu.scene_from_dict(in_pascal, tmp_path))[1]
-    assert any("is it in Pa? Then write 210000 (MPa)" in remark for remark in remarks), remarks
+    assert any("if it is in Pa, write 210000 (MPa)" in remark for remark in remarks), remarks
     assert lines[1].endswith("27 nodes, 8 hexahedron")
     assert " mm, " in latin_fmu.check(latin_fmu.scene_from_dict(in_pascal, tmp_path))[1]
 

@@ -44,7 +44,7 @@ from latin_fmu.scene.substructures import BoxTable, Substructure
         (b"a = " + b"9" * 5000, "too many digits"),
         (b"a = " + b"[" * 100_000, "nested too deeply"),
         (b"a." * 5000 + b"b = 1", "a key of 5001 parts"),
-        (b"name = 1979-05-27", "must be text"),
+        (b"name = 1979-05-27", "must be a string"),
         (b"[[material]]\nname = 1", "must be a table"),
         (b"[time]\nend = 07:32:00", "must be a number"),
     ],

@@ -37,7 +37,9 @@ def test_every_key_is_described(table: type[BaseModel]) -> None:
             continue
         assert field.description, name
         assert f" {name}: {kind_of(field)}" in text or f"[{name}" in text
-        assert (unit_of(field) is not None) == ("number" in kind_of(field)), f"{name} has no unit"
+        assert (unit_of(field) is not None) == any(kind in kind_of(field) for kind in ("number", "integer")), (
+            f"{name} has no unit"
+        )
 
 
 def test_reference_is_readable() -> None:

@@ -47,7 +47,7 @@ def keys() -> Iterator[tuple[tuple[Any, ...], type[BaseModel], str]]:
         here = (*path, {"type": tag_of(table)}) if tag_of(table) is not None else path
         for name, field in table.model_fields.items():
             kind = kind_of(field)
-            if re.search("(?<!whole )number", kind) and "text" not in kind and not tables_in(field.annotation):
+            if re.search("number", kind) and "string" not in kind and not tables_in(field.annotation):
                 yield (*here, name), table, name
             for inner in tables_in(field.annotation):
                 # ends of springs are a list of tables

@@ -143,7 +143,7 @@ def test_interference_is_refused_unless_closed(tmp_path: Path) -> None:
 
 def test_closed_has_its_limit(tmp_path: Path) -> None:
     made = joint(tmp_path, (40, 60), (20, 30), play=1e-3, gap="closed")
-    with pytest.raises(latin_fmu.SceneError, match=r"too far apart.*node spacing"):
+    with pytest.raises(latin_fmu.SceneError, match=r"gap or overlap of the faces too large.*node spacing"):
         discretise(latin_fmu.scene_from_dict(made))
 
 

@@ -113,7 +113,7 @@ def test_conditions_that_contradict_each_other_are_refused(tmp_path: Path) -> No
     """A face that is driven along a direction in which its edge is held; a periodic face with axes of its own."""
     tables = shaken(tmp_path, TURN)
     tables["boundary"]["base"]["components"] = ["x", "y", "z"]
-    assert "boundary.shaker: drives nodes already held or driven" in problems(tables, tmp_path)
+    assert "boundary.shaker: drives nodes that another condition already fixes or drives" in problems(tables, tmp_path)
     tables = shaken(tmp_path, TURN)
     tables["boundary"]["around"] = {"type": "periodic", "faces": ["b1.xmin", "b1.xmax"]}
     assert "turns nodes of a periodic face" in problems(tables, tmp_path)

@@ -348,5 +348,5 @@ def test_the_predicted_cost_is_that_of_the_form_that_runs() -> None:
 
 @pytest.mark.parametrize("propagator", ["explicit", "reduced", "cg"])
 def test_refused_without_a_factor_of_all_dofs(propagator: str) -> None:
-    with pytest.raises(SceneError, match=r"solver\.interface_operator.*only the direct propagator has"):
+    with pytest.raises(SceneError, match=r"solver\.interface_operator.*requires the direct propagator"):
         plates(4, interface_operator="exact", propagator=propagator)

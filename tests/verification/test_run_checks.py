@@ -42,7 +42,7 @@ def sliding(distance: float, friction: float = 0.0) -> dict[str, Any]:
 def test_a_slip_beyond_an_element_is_told(friction: float) -> None:
     (warning,) = remarks(sliding(0.0065, friction), "slip by")
     assert "interface floor" in warning
-    assert "elements of 0.005 m" in warning
+    assert "element size of 0.005 m" in warning
     assert not remarks(sliding(0.0045, friction), "slip by")
 
 
@@ -56,10 +56,10 @@ def test_a_slip_without_contact_is_none() -> None:
 def test_a_rotation_beyond_two_degrees_is_warned_of(degrees: float, warned: bool) -> None:
     made = column({"block": Box(STEEL, (0.02, 0.03, 0.04), (2, 3, 4))}, {}, {"end": 1e-4, "instants": 50})
     made["substructure"]["block"]["initial_spin"] = (np.radians(degrees) / 1e-4 * np.array([0.6, 0.0, 0.8])).tolist()
-    found = remarks(made, "has turned by")
+    found = remarks(made, "has rotated by")
     assert bool(found) is warned
     if warned:
-        assert f"block has turned by {degrees:.3g} degrees" in found[0]
+        assert f"block has rotated by {degrees:.3g} degrees" in found[0]
 
 
 # -- resultants -----------------------------------------------------------------------------------------------------

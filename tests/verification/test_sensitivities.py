@@ -418,7 +418,7 @@ def test_without_parameters_there_is_nothing() -> None:
     [
         ("interface.wall.behaviour", "give the key a number"),
         ("substructure.bar.body_force", "list of numbers.*substructure.bar.body_force.0 to .*2; name one item"),
-        ("interface.wall.form.radius", "no number under this name.*in the scene where it is left out"),
+        ("interface.wall.form.radius", "no number under this name.*if the scene omits it, add it"),
         ("substructure.bar.box.size.2", "changes the shape"),
         ("time.end", "changes interfaces, instants or the time scheme"),
     ],

@@ -161,7 +161,7 @@ def test_a_law_between_instants_is_cured_by_its_instants() -> None:
     scene = rod(time={"end": 4e-5, "instants": 30})
     scene["load"]["push"]["law"] = {"type": "rectangular_pulse", "duration": 1e-5}
     (warning,) = warnings(scene, "time integral")
-    assert "place the jumps on instants" in warning
+    assert "place the jumps at ends of steps" in warning
     scene["time"]["instants"] = 40
     assert not warnings(scene, "time integral")
 

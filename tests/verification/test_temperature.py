@@ -213,7 +213,7 @@ def thrown(law: Any, rigid: bool = False) -> latin_fmu.Scene:
 
 def test_a_thrown_body_does_not_begin_hot() -> None:
     """The static start leaves it out: refused with the remedy, and taken where the law begins with 0."""
-    with pytest.raises(latin_fmu.InputError, match=r"temperature.day.*without its expansion.*name the others"):
+    with pytest.raises(latin_fmu.InputError, match=r"temperature.day.*without its expansion.*list only the others"):
         latin_fmu.solve(thrown("constant"))
     latin_fmu.solve(thrown({"type": "table", "times": [0, 1], "values": [0, 1]}))
     latin_fmu.solve(thrown("constant", rigid=True))  # it does not expand

@@ -191,7 +191,7 @@ def test_the_status_tells_work_against_the_laws() -> None:
     coarse = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(described)))
     assert share(coarse) > BALANCED
     assert not coarse.converged
-    assert "work of the errors of the iteration against the laws" in coarse.status
+    assert "work of the residual forces of the iteration at the interfaces" in coarse.status
     assert "solver.tolerance" in coarse.status
     described["solver"]["tolerance"] = 1e-4
     assert latin_fmu.solve(latin_fmu.scene_from_dict(described)).converged

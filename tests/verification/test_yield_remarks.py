@@ -42,7 +42,7 @@ def test_a_rod_in_equilibrium_has_the_stress_of_its_load() -> None:
     """sigma = F / A in every element, largest at the turn of the load; nothing is told below the yield stress."""
     still = {"time": {"quasi_static": True, "end": END, "instants": 20}}
     (text,) = told(rod(80e6, **still))
-    assert "substructure rod is beyond its yield stress 80.00 MPa: von Mises stress of at least 100.0 MPa" in text
+    assert "substructure rod exceeds its yield stress 80.00 MPa: von Mises stress of at least 100.0 MPa" in text
     assert "MPa at 100 us, mean of the element" in text
     assert "10 of 10 elements above. The model is elastic" in text
     assert told(rod(101e6, **still)) == []
@@ -99,7 +99,7 @@ def test_many_bodies_are_one_sentence() -> None:
         time={"quasi_static": True, "end": 1.0, "instants": 2},
     )
     (text,) = told(solution)
-    assert text.startswith("substructure b6 is beyond its yield stress 80.00 MPa: von Mises stress of at least ")
+    assert text.startswith("substructure b6 exceeds its yield stress 80.00 MPa: von Mises stress of at least ")
     assert text.count(" MPa at ") == 5
     assert "; also b5 (" in text
     assert "), 2 more. The model is elastic" in text

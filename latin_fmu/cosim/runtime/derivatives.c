@@ -92,14 +92,14 @@ static const double *column_of(Instance *c, int64_t which)
     if (status == 0) return o->made.columns[which] = column;
     free(column);
     if (status == UNSOLVED)
-        msg(c, ERROR, "there is no derivative here: the iteration of the last step needed a fall-back");
+        msg(c, ERROR, "no directional derivative: the iteration of the last step needed a fall-back");
     else if (status == SINGULAR)
-        msg(c, ERROR, "there is no derivative here: the interfaces about the present solution have no unique solution");
+        msg(c, ERROR, "no directional derivative: the interface equations linearised at the present solution are singular");
     else if (status == OWN_LAW)
-        msg(c, ERROR, "there is no derivative here: a law of an interface is written in Python, and only laws of the package "
-            "have their tangents in kernels");
+        msg(c, ERROR, "no directional derivative: an interface has a user-defined law in Python; only laws of the package have "
+            "compiled tangents");
     else if (status < BEYOND_LAWS && status > STOPPED) /* numbers below -1 name an input, by whose start value the state at t = 0 is known */
-        msg(c, ERROR, "there is no derivative here: the state at t = 0 is known for the start value of %s alone: make a second "
+        msg(c, ERROR, "no directional derivative: the state at t = 0 was computed only for the start value of %s: make a second "
             "step", input_name(c, -2 - status, IN_VALUE));
     else
         refused_by_kernels(c, status, o->made.t, ERROR);
@@ -111,10 +111,9 @@ static int is_output(Instance *c, uint32_t reference)
     const Word *v = variable(c, reference);
     int64_t after = v[V_PLACE].i - c->fmu->image->head[M_OF_EVENT].i;
     const char *own = text_at(c, v[V_NAME].i);
-    if (v[V_ROLE].i != OUTPUT) return msg(c, ERROR, "there is no directional derivative: %s is not an output of this model", own), 0;
+    if (v[V_ROLE].i != OUTPUT) return msg(c, ERROR, "no directional derivative: %s is not an output of this model", own), 0;
     if (after < 0 || after % 2 == 0) return 1;
-    return msg(c, ERROR, "there is no directional derivative: %s is the instant of an event, whose derivative is not "
-               "available: leave it out", own), 0;
+    return msg(c, ERROR, "no directional derivative: %s is the instant of an event, whose derivative is not available: omit it", own), 0;
 }
 
 static int is_rate_of_wave(const char *name)
@@ -128,19 +127,19 @@ static int is_input(Instance *c, uint32_t reference)
     const Word *v = variable(c, reference);
     const char *own = text_at(c, v[V_NAME].i);
     if (v[V_ROLE].i != VALUE && v[V_ROLE].i != RATE)
-        return msg(c, ERROR, "there is no directional derivative: %s is not an input of this model", own), 0;
+        return msg(c, ERROR, "no directional derivative: %s is not an input of this model", own), 0;
     if (v[V_ROLE].i == VALUE || !is_rate_of_wave(own) || c->fmu->made.given[2 * v[V_PLACE].i + 1] != 0.0) return 1;
-    return msg(c, ERROR, "there is no directional derivative: %s: a wave whose rate is 0 is the straight line to its value, "
-               "which has no derivative by the rate", own), 0;
+    return msg(c, ERROR, "no directional derivative: %s: a wave with rate 0 is interpolated linearly to its value and has no "
+               "derivative with respect to the rate", own), 0;
 }
 
 int derivable(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m)
 {
     if (!known(c, unknowns, n) || !known(c, knowns, m)) return 0;
     if (c->phase < EVENT || parameter(c, T_MODE, 0.0) == PRESCRIBED)
-        return msg(c, ERROR, "directional derivative: not available in prescribed mode, or before initialization"), 0;
+        return msg(c, ERROR, "no directional derivative in prescribed mode, or before initialization"), 0;
     if (!c->fmu->made.known)
-        return msg(c, ERROR, "directional derivative: no step was made since the start, or since a state was restored: make a "
+        return msg(c, ERROR, "no directional derivative: no step was made since the start, or since a state was restored: make a "
                    "step first"), 0;
     for (size_t i = 0; i < n; i++)
         if (!is_output(c, unknowns[i])) return 0;
@@ -154,8 +153,8 @@ int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, cons
 {
     if (n == 0) return OK;
     if (size_of_seed != m || size != n)
-        return msg(c, ERROR, "directional derivative: the host gives %zu numbers for %zu inputs and %zu for %zu outputs; scalars "
-                   "alone have derivatives", size_of_seed, m, size, n);
+        return msg(c, ERROR, "no directional derivative: the importer passes %zu numbers for %zu inputs and %zu for %zu outputs; only "
+                   "scalars have derivatives", size_of_seed, m, size, n);
     if (!derivable(c, unknowns, n, knowns, m)) return ERROR;
     memset(values, 0, n * sizeof *values);
     for (size_t k = 0; k < m; k++) {

@@ -274,8 +274,8 @@ static int is_of(const Image *image, const char *token, char *trouble, size_t si
     const char *own = (const char *)(image->table + image->table[T_TEXTS].i) + image->table[T_TOKEN].i;
     /* one with Python has none in its table */
     if (token == NULL || *token == '\0' || *own == '\0' || strcmp(token, own) == 0) return 1;
-    snprintf(trouble, size, "the host gives the token %.80s, the files in %.500s are of the FMU %.80s: extract the FMU "
-             "into a folder of its own", token, image->folder, own);
+    snprintf(trouble, size, "the importer passes the token %.80s, but the files in %.500s belong to the FMU %.80s: extract the FMU "
+             "into a separate folder", token, image->folder, own);
     return 0;
 }
 

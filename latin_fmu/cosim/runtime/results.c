@@ -43,7 +43,7 @@ void keep_record(const Instance *c, int64_t instant, const double *outputs, cons
         int64_t room = 2 * row + 16;
         Word *rows = realloc(r->rows, 8 * (size_t)room * n);
         if (rows == NULL) {
-            if (!r->lost) msg(c, WARNING, "no memory for the results: they will not be written");
+            if (!r->lost) msg(c, WARNING, "insufficient memory for the results: they will not be written");
             r->lost = 1;
             return;
         }
@@ -152,7 +152,7 @@ static char *beside(const char *path)
 
 static int cannot_be_written(const Instance *c, const char *path)
 {
-    return msg(c, ERROR, "resultsFile: %.500s cannot be written: give a path in a folder that can be written to", path);
+    return msg(c, ERROR, "resultsFile: %.500s cannot be written: give a path in a writable folder", path);
 }
 
 /* Whether the file can be written when the simulation ends: known before it begins. */
@@ -194,7 +194,7 @@ int write_results(const Instance *c)
     const char *path = o->texts[table_of(c)[T_RESULTS].i];
     int64_t now = instant_now(c);
     int64_t first = o->records.first, n = now + 1 - first;
-    if (o->records.lost) return msg(c, ERROR, "%.500s was not written: no memory for the results", path);
+    if (o->records.lost) return msg(c, ERROR, "%.500s was not written: insufficient memory for the results", path);
     if (n > o->records.n || n < 1) n = 0; /* a state was restored, and no step followed */
     size_t length = 0;
     unsigned char *head = head_of(c, &length);
@@ -203,7 +203,7 @@ int write_results(const Instance *c)
     aligned_free(head);
     if (!good) return cannot_be_written(c, path);
     if (n < 1 || first > 0)
-        msg(c, WARNING, "%.500s begins at %g s: the instants before lie before a state that was restored", path,
+        msg(c, WARNING, "%.500s begins at %g s: earlier instants were before a restored state", path,
             (double)(n < 1 ? now : first) * o->image->dt);
     return OK;
 }

@@ -95,9 +95,9 @@ int filled(Instance *c, const Image *image)
 int latin_fmu_fits(void);
 
 #if defined(LATIN_FMU_WIDE)
-static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
+static const char NEEDED[] = "AVX2 and FMA: on this machine use an FMU exported with --portable or --python";
 #else
-static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
+static const char NEEDED[] = "SSE4.2 and POPCNT: on this machine use an FMU exported with --python";
 #endif
 
 /* An instance of the files of an FMU. */
@@ -124,7 +124,7 @@ Instance *opened(const Instance *given, const char *name, const char *token, con
     *c = *given;
     c->name = copied(name ? name : "");
     if (c->name == NULL || resources == NULL)
-        msg(c, ERROR, "the host gives no folder of resources");
+        msg(c, ERROR, "the importer passes no resource folder");
     else if (c->kind == EXCHANGE_3)
         msg(c, ERROR, "this FMU is for co-simulation only");
     else if (filled_from_files(c, token, resources))
@@ -248,20 +248,20 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
     if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
     if (result == STOPPED) return msg(c, ERROR, "stopped in the step at %g s: %s", t, image->process->trouble);
     if (result == BEYOND_LAWS)
-        return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
+        return msg(c, ERROR, "the step exceeds the tabulated time laws of the scene, which end %g s after the start: export "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
     if (result < BEYOND_LAWS) {
         /* numbers below -1 name an input */
         int64_t input = -2 - result, reference = image->table[image->table[T_INPUTS].i + IN_ROW * input + IN_REFERENCE].i;
         double start = variable(c, reference)[V_START].d;
         if (c->fmu->given[2 * input] != start)
-            return msg(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
+            return msg(c, ERROR, "%s must be %g at the start, the value for which the initial state was computed: export an "
                        "FMU of a scene with another start_value", input_name(c, input, IN_VALUE), start);
-        return msg(c, ERROR, "%s must stay %g over the first time step, for which the initial state was computed: begin "
-                   "later, or use an FMU that was made with --python", input_name(c, input, IN_VALUE), start);
+        return msg(c, ERROR, "%s must remain %g over the first time step, the value of the initial state: change it later, "
+                   "or use an FMU exported with --python", input_name(c, input, IN_VALUE), start);
     }
     return msg(c, status, "no convergence of the time step that ends at %g s%s", t,
-               status == DISCARD ? ": make smaller communication steps, or smaller changes of the inputs" : "");
+               status == DISCARD ? ": use smaller communication steps, or smaller changes of the inputs" : "");
 }
 
 /* -- outputs of the last step ------------------------------------------------------------------------------------------ */
@@ -313,7 +313,7 @@ int setup(Instance *c, double start, double tolerance)
     c->time = c->fmu->start = start;
     c->fmu->accuracy = tolerance;
     if (c->fmu->maker == NULL && tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
-        msg(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed when it is made "
+        msg(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed at export "
             "(%g on sqrt(eta), a relative accuracy of %g)", tolerance, own, 5.0 * own);
     return OK;
 }
@@ -322,7 +322,7 @@ static int in_range(const Instance *c, int header, const char *what, double most
 {
     double value = parameter(c, header, 0.0);
     if (value >= 0.0 && value <= most) return 1;
-    msg(c, ERROR, "%s: no such choice: %g (allowed: %s)", what, value, allowed);
+    msg(c, ERROR, "%s: unknown value %g (allowed: %s)", what, value, allowed);
     return 0;
 }
 
@@ -371,8 +371,8 @@ static int stands(const Instance *c)
         const double *f = c->fmu->moving + points[i + P_PLACE].i;
         double shear = points[i + P_SIZE].i > 1 ? hypot(f[1], f[2]) : 0.0;
         if (-f[0] >= -EXACT * largest && shear <= -points[i + P_FRICTION].d * f[0] + EXACT * largest) continue;
-        msg(c, ERROR, "the inputs move a rigid body at the start so that it slides or lifts at once at interface %s, for which "
-            "the initial state was not computed: begin with smaller inputs, or use an FMU that was made with --python",
+        msg(c, ERROR, "the inputs make a rigid body slide or lift off immediately at interface %s, for which the initial state "
+            "was not computed: start with smaller inputs, or use an FMU exported with --python",
             (const char *)(table + table[T_TEXTS].i) + points[i + P_NAME].i);
         return 0;
     }
@@ -423,7 +423,7 @@ int solve_histories(Instance *c)
     double end = parameter(c, T_END, 0.0), dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i;
     double whole = rint(end / dt);
     if (!(whole >= 1.0 && whole <= MOST_STEPS && fabs(end - whole * dt) <= 1e-9 * end))  /* not for NaN */
-        return msg(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
+        return msg(c, ERROR, "endTime = %g s is not an integer number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
     int64_t n = (int64_t)whole;
     /* nothing of an earlier solution stays: the state at the start is that of the image */
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i);
@@ -476,16 +476,15 @@ int initialize(Instance *c)
     o->opened = status == OK;
     /* Python has said so of the scene */
     if (o->opened && o->maker == NULL && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
-        msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "
-            "scene with a load, an initial velocity or a driven boundary");
+        msg(c, WARNING, "no load acts in this FMU, and it has no inputs: every result is zero; export a scene with a load, an "
+            "initial velocity or a driven boundary");
     return status;
 }
 
 int terminate(Instance *c)
 {
     if (table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i && !c->fmu->acted && c->time > c->fmu->start)
-        msg(c, WARNING, "nothing has acted: every input has stayed 0, and nothing else loads or moves a body in this FMU; set "
-            "%s", input_name(c, 0, IN_VALUE));
+        msg(c, WARNING, "no load was applied: all inputs remained 0, and nothing else loads or moves a body in this FMU; set %s", input_name(c, 0, IN_VALUE));
     if (keeps_results(c) && write_results(c) != OK) return ERROR;
     if (c->fmu->discarded) return msg(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
     return OK;
@@ -545,7 +544,7 @@ static int played_back(Instance *c, double t, double h)
             return msg(c, DISCARD, "%s was changed after initialization, which has no effect in prescribed mode: give a "
                        "history before initialization, or use mode 0 (windowed)", input_name(c, i / 2, IN_VALUE));
     if (time > end * (1.0 + 1e-9))
-        return msg(c, DISCARD, "the interval solved ends at %g s: set endTime before initialization", o->start + end);
+        return msg(c, DISCARD, "the solved interval ends at %g s: set endTime before initialization", o->start + end);
     if (c->early) {
         int64_t first = row_at(o, t - o->start), event = first_event(o->image, o->rows + first * width, row_at(o, time) - first + 1);
         if (event > 0 && o->times[first + event] < time - 1e-9 * h) time = o->times[first + event];
@@ -694,7 +693,7 @@ static int advanced(Instance *c, double t, double h)
     /* hosts add up steps: the time they give is off by round-off */
     if (fabs(t - c->time) > fmax(EARLY * h, SHORTEST * dt))
         return msg(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
-                   c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
+                   c->time, o->discarded ? "; the previous step was discarded: repeat it with a shorter step or another input" : "");
     if (h <= SHORTEST * dt || t + h <= t) { /* below the last digit of t late in a simulation */
         c->time = t + h;                    /* the clock alone */
         o->ended = -1;
@@ -706,7 +705,7 @@ static int advanced(Instance *c, double t, double h)
                    o->given[bad - 1]);
     if (parameter(c, T_MODE, 0.0) == PRESCRIBED) return played_back(c, t, h);
     if (h / dt > MOST_STEPS)
-        return msg(c, DISCARD, "a step of %g s would take %.0f time steps; at most %g: make shorter steps", h, h / dt,
+        return msg(c, DISCARD, "a step of %g s would need %.0f time steps, at most %g are allowed: use shorter steps", h, h / dt,
                    MOST_STEPS);
     return marched(c, t, h);
 }
@@ -716,7 +715,7 @@ int step(Instance *c, double t, double h)
     struct Object *o = c->fmu;
     c->last = ERROR;
     if (same_again(c, t, h)) /* some hosts repeat it for ever */
-        return msg(c, ERROR, "this very step was discarded before: make it shorter, or with another input");
+        return msg(c, ERROR, "the same step was already discarded: repeat it with a shorter step or another input");
     c->last = advanced(c, t, h);
     if (c->last != OK) return discarded(c, c->last, t, h);
     o->discarded = 0;

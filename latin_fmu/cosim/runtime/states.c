@@ -231,24 +231,24 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
 {
     const Word *table = table_of(c);
     size_t n_word = size / 8, prefix = S_HEADER + n_length(c);
-    if (size < 8 || memcmp(words, magic, 8) != 0) return "it does not begin as a state does";
+    if (size < 8 || memcmp(words, magic, 8) != 0) return "it does not begin like a state";
     if (size % 8 || n_word < prefix || words[S_N_WORD].u != n_word ||
         words[S_CHECKSUM].u != checksum(words + S_N_WORD, n_word - S_N_WORD))
-        return "it is damaged (its checksum does not fit); use an intact copy";
-    if (words[S_TABLE].u != table[T_CHECKSUM].u) return "it is of another FMU; use it with the FMU it is of";
+        return "it is damaged (its checksum does not match); use an intact copy";
+    if (words[S_TABLE].u != table[T_CHECKSUM].u) return "it belongs to another FMU; use it with that FMU";
     int64_t n_variable = table[T_N_VARIABLE].i, n_input = table[T_N_INPUT].i, most = (int64_t)n_word;
     const Word *lengths = words + S_HEADER;
     for (int64_t i = 0; i < (int64_t)n_length(c); i++)
         /* the words of the block bound every length: nothing is allocated for more */
         if (lengths[i].i < 0 || lengths[i].i > 8 * most || (i >= n_variable + n_input && lengths[i].i > 1) ||
             (i < n_variable && lengths[i].i && variable(c, i)[V_KIND].i != STRING))
-            return "a length in it cannot be";
+            return "it contains an invalid length";
     int64_t phase = words[S_PHASE].i;
     if (phase < INSTANTIATED || phase > TERMINATED || phase == EVENT || phase == CONTINUOUS ||
         words[S_DISCARDED].u > 1 || words[S_N_ROW].u > (uint64_t)most ||
         words[S_N_FIELDS].u > words[S_N_ROW].u || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
         !isfinite(words[S_START].d) || !isfinite(words[S_TIME].d) || !isfinite(words[S_ACCURACY].d))
-        return "a number of its header cannot be";
+        return "its header contains an invalid number";
     int64_t n_state = words[S_N_STATE].i;
     /* before the image is made there is none */
     if (n_state < 0 || n_state > most || (n_state == 0 && phase >= EVENT) ||
@@ -282,12 +282,12 @@ static const char *wrong_number(const Instance *c, const Word *words)
             return "a parameter in it cannot be";
     }
     int64_t size = table[T_HISTORY_SIZE].i, mode = table[T_MODE].i, rule = table[T_RULE].i;
-    if (size >= 0 && at[size].d != (double)words[S_N_ARRAY].i) return "its arrays have another length than stated in it";
+    if (size >= 0 && at[size].d != (double)words[S_N_ARRAY].i) return "the stated length of its arrays does not match";
     int prescribed = at[mode].d == PRESCRIBED, begun = words[S_PHASE].i >= EVENT;
     if (begun && (at[mode].d < 0.0 || at[mode].d > 1.0 || at[rule].d < 0.0 || at[rule].d > 3.0))
         return "a parameter in it cannot be";
     if (begun && ((n_row > 0) == prescribed || words[S_N_FIELDS].i != rows_with_fields(c, n_row)))
-        return "it has outputs without a step, or the other way round";
+        return "it contains outputs without a step, or a step without outputs";
     at += n_variable;
     size_t numbers = n_given(image) + (size_t)image->n_output;
     if (!all_finite(at, numbers)) return "a number in it is not finite";
@@ -298,7 +298,7 @@ static const char *wrong_number(const Instance *c, const Word *words)
     for (int64_t i = 0; of_run && i < of_run[T_N_WHOLE].i && words[S_N_STATE].i > 0; i++) {
         const Word *w = of_run + of_run[T_WHOLES].i + W_ROW * i;
         double value = at[w[W_PLACE].i].d;
-        if (value != rint(value) || value < w[W_LEAST].d || value > w[W_MOST].d) return "a number of its run cannot be";
+        if (value != rint(value) || value < w[W_LEAST].d || value > w[W_MOST].d) return "its run contains an invalid number";
     }
     at += words[S_N_STATE].i;
     numbers = (size_t)(n_row * (image->n_output + 1) + words[S_N_FIELDS].i * size_of_fields(c));
@@ -314,9 +314,9 @@ static const char *wrong_number(const Instance *c, const Word *words)
         }
     lengths += n_variable;
     for (int64_t i = 0; i < n_input; at += 2 * lengths[i++].i) {
-        if (!all_finite(at, 2 * (size_t)lengths[i].i)) return "a history in it is not finite";
+        if (!all_finite(at, 2 * (size_t)lengths[i].i)) return "it contains a history that is not finite";
         for (int64_t k = 1; k < lengths[i].i; k++)
-            if (!(at[k].d > at[k - 1].d)) return "the times of a history in it do not increase";
+            if (!(at[k].d > at[k - 1].d)) return "it contains a history whose times do not increase";
     }
     return NULL;
 }
@@ -326,8 +326,8 @@ static int place_of(const Instance *c, const void *state, size_t *place)
 {
     for (*place = 0; *place < c->fmu->n_state; ++*place)
         if (c->fmu->states[*place] == state) return 1;
-    return msg(c, ERROR, "the host gives a state that this instance never gave, or that was freed: serialize a state to hand "
-               "it to another instance"), 0;
+    return msg(c, ERROR, "the state does not belong to this instance, or was freed: serialize a state to pass it to another "
+               "instance"), 0;
 }
 
 static int kept_state(Instance *c, Word *words, void **state)
@@ -428,7 +428,7 @@ int state_to_bytes(Instance *c, void *state, char *bytes, size_t size)
     if (!place_of(c, state, &place)) return ERROR;
     Word *words = state;
     own = 8 * words[S_N_WORD].u;
-    if (size != own) return msg(c, ERROR, "the host gives %zu bytes for a state of %zu bytes", size, own);
+    if (size != own) return msg(c, ERROR, "the importer passes %zu bytes for a state of %zu bytes", size, own);
     /* states in memory have none: it is made where they leave */
     words[S_CHECKSUM].u = checksum(words + S_N_WORD, words[S_N_WORD].u - S_N_WORD);
     memcpy(bytes, words, own);

@@ -158,13 +158,13 @@ int get_numbers(Instance *c, const uint32_t *references, size_t n, double *value
     if (!known(c, references, n)) return ERROR;
     for (size_t i = 0; i < n; i++) {
         if (variable(c, references[i])[V_KIND].i == STRING)
-            return msg(c, ERROR, "%s is a string: get it as one", name(c, references[i]));
+            return msg(c, ERROR, "%s is a string: use the get function for strings", name(c, references[i]));
         total += elements(c, references[i]);
         /* known during initialization only after the solution, which is made here once */
         if (c->phase == INITIALIZATION && is_output(c, references[i]) && initialize(c) != OK) return ERROR;
     }
     if (size != total && size != n) /* a host that does not know arrays reads one number of each */
-        return msg(c, ERROR, "the host reads %zu values of variables that have %zu", size, total);
+        return msg(c, ERROR, "the importer reads %zu values of variables with %zu values", size, total);
     for (size_t i = 0; i < n; i++) {
         size_t count = elements(c, references[i]);
         if (size == total || count == 1) {
@@ -200,16 +200,16 @@ static int refused(const Instance *c, int64_t reference, double value)
     if (role == VALUE || role == RATE) return OK;
     if (role == CONSTANT && fabs(value - v[V_START].d) <= 1e-9 * fabs(v[V_START].d)) return OK; /* as a host prints it */
     if (role == CONSTANT)
-        return msg(c, ERROR, "%s = %g was not set: it is fixed at %g when a compiled FMU is made; make another one from a "
+        return msg(c, ERROR, "%s = %g was not set: it is fixed at %g when a compiled FMU is exported; export another one from a "
                    "scene with this value", own, value, v[V_START].d);
     if (role != PARAMETER && role != TEXT && role != HISTORY && role != HISTORY_TIME)
         return msg(c, ERROR, "%s is calculated and was not set", own);
     if (c->phase >= EVENT) return msg(c, ERROR, "%s is fixed after initialization and was not set", own);
     if (role != PARAMETER) return OK;
     if ((kind == INTEGER || kind == COUNT) && !(value == rint(value)))
-        return msg(c, ERROR, "%s = %g was not set: give a whole number", own, value);
+        return msg(c, ERROR, "%s = %g was not set: must be an integer", own, value);
     if (kind == COUNT && !(value >= 1.0 && value <= 1e5))
-        return msg(c, ERROR, "%s = %g was not set: give 1 to 100000", own, value);
+        return msg(c, ERROR, "%s = %g was not set: must be from 1 to 100000", own, value);
     return OK;
 }
 
@@ -249,15 +249,15 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
     for (size_t i = 0; i < n; i++) {
         size_t count = elements(c, references[i]);
         if (variable(c, references[i])[V_ROLE].i == TEXT)
-            return msg(c, ERROR, "%s is a string: set it as one", name(c, references[i]));
+            return msg(c, ERROR, "%s is a string: use the set function for strings", name(c, references[i]));
         if (size < at + count)
-            return msg(c, ERROR, "the host gives %zu values; %s has %zu elements", size, name(c, references[i]), count);
+            return msg(c, ERROR, "the importer passes %zu values; %s has %zu elements", size, name(c, references[i]), count);
         if (refused(c, references[i], values[at])) return ERROR;
         at += count;
     }
     for (size_t i = at = 0; i < n && status == OK; i++) {
         size_t count = elements(c, references[i]);
-        if (size < at + count) return msg(c, ERROR, "set sizes of arrays in a call of their own"); /* this call changed one */
+        if (size < at + count) return msg(c, ERROR, "set sizes of arrays in a separate call"); /* this call changed one */
         if (variable(c, references[i])[V_N_DIMENSION].i > 0)
             status = set_array(c, references[i], values + at, count);
         else
@@ -380,14 +380,14 @@ static int read_table(Instance *c, const char *text, const char *where, int64_t 
         else {
             for (i = 0; i < n_input && strcmp(word, input_name(c, i, IN_NAME)) != 0;) i++;
             if (i == n_input)
-                return msg(c, ERROR, "%s: column %d: no load of this name is set from outside", where, *n_column + 1);
+                return msg(c, ERROR, "%s: column %d: no input of this name", where, *n_column + 1);
         }
         for (column = 0; column < *n_column; column++)
             if (inputs[column] == i)
                 return msg(c, ERROR, "%s: columns %d and %d have the same name", where, column + 1, *n_column + 1);
         inputs[*n_column] = i;
     }
-    if (!timed) return msg(c, ERROR, "%s: no time column: call the column of times 'time'", where);
+    if (!timed) return msg(c, ERROR, "%s: no time column: name the column of times 'time'", where);
     for (*n_row = 0; at != NULL; ++*n_row) {
         for (column = 0, last = 0; at != NULL && !last; column++) {
             at = cell(at, word, sizeof word, &last);
@@ -435,8 +435,8 @@ static int set_from_arrays(Instance *c)
         for (int64_t k = n; o->arrays[i] && k < last; k++)
             if (o->arrays[i][k] != o->arrays[i][last]) varies = 1;
     if (varies)
-        return msg(c, ERROR, "history.time: the instants from element %lld on are equal, the amplitudes are not: give instants "
-                   "that increase, and repeat the last row up to the size of the arrays", (long long)n + 1);
+        return msg(c, ERROR, "history.time: the instants from element %lld on are equal, but the amplitudes differ: give increasing "
+                   "instants, and repeat the last row up to the size of the arrays", (long long)n + 1);
     for (int64_t i = 0; i < n_input && n > 0 && status == OK; i++)
         if (o->arrays[i] != NULL) status = keep_history(c, i, n + 1, t, o->arrays[i], "history.time");
     return status;
@@ -464,7 +464,7 @@ int set_histories(Instance *c)
         return OK;
     }
     if (strpbrk(text, ";\r\n") != NULL)
-        status = set_from_text(c, text, "historyFile, the table itself");
+        status = set_from_text(c, text, "table in historyFile");
     else if (*text && is_irregular(text))
         status = msg(c, ERROR, "%.500s: not a regular file", text);
 #if defined(LATIN_FMU_MAKES)
