@@ -152,10 +152,10 @@ class PressureLoad(LoadKind):
             return
         if estimate.small:
             text = f"a pressure of {estimate.stress} strains {estimate.body} by {estimate.strain:.1g} only"
-            yield f"{text}: {'is it in MPa? Then write it in Pa' if estimate.si else 'check its unit'}"
+            yield f"{text}: {'if it is in MPa, write it in Pa' if estimate.si else 'check its unit'}"
         if self.pressure * estimate.mean < 0.0:
             text = "its pressure is negative: it pulls at the face (suction)"
-            yield f"{text}; turn the sign if it is to press"
+            yield f"{text}; change the sign if compression is intended"
 
 
 class TractionLoad(LoadKind):
@@ -191,7 +191,7 @@ class ResultantLoad(LoadKind):
 
     force: Annotated[Vector | None, about("resultant force along x, y, z", "N")] = None
     moment: Annotated[Vector | None, about("resultant moment about x, y, z at the point of the force", "N m")] = None
-    point: Annotated[Vector | None, about("point of the force; the centre of the face where left out", "m")] = None
+    point: Annotated[Vector | None, about("point of the force; default: the centre of the face", "m")] = None
 
     @classmethod
     def key_problems(cls, table: RawTable, where: str, others: Sequence[str], /) -> Iterator[Problem]:

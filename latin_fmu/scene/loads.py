@@ -33,9 +33,7 @@ class Load(
 ):
     """A load on a face, times a law, of exactly one kind. Loads on one face add up."""
 
-    axes: Annotated[
-        LocalAxes | None, about("axes of the traction, force and moment; the global ones where left out")
-    ] = None
+    axes: Annotated[LocalAxes | None, about("axes of the traction, force and moment; default: the global axes")] = None
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
     @property
