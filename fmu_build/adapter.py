@@ -131,7 +131,10 @@ class KeptStates(Opened):
     def _keep(self, saved: Any, handle: memoryview) -> None:
         place = self._array(handle, "i8")
         # a handle that another instance has given is not overwritten
-        number = int(place[0]) if int(place[0]) in self._own_states else next(self.handles)
+        if int(place[0]) in self._own_states:
+            number = int(place[0])
+        else:
+            number = next(self.handles)
         self.states[number] = saved
         self._own_states.add(number)
         place[0] = number
@@ -224,7 +227,9 @@ class Adapter(KeptStates):
         if 8 * len(read) != values.nbytes:
             return self._refused(f"the importer reads {values.nbytes // 8} values of variables with {len(read)} values")
         self._array(values)[:] = read
-        return self._status() if self._messages else OK
+        if self._messages:
+            return self._status()
+        return OK
 
     def directional_derivative(
         self, _unknowns: memoryview, _knowns: memoryview, _seed: memoryview, _values: memoryview
@@ -255,7 +260,9 @@ class ModelExchangeAdapter(Adapter):
     def set_numbers(self, references: memoryview, values: memoryview) -> int:
         """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
         done = self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
-        return self._status() & PENDING if done and self.fmi_instance.variables.fixed else self._status()
+        if done and self.fmi_instance.variables.fixed:
+            return self._status() & PENDING
+        return self._status()
 
     def set_time(self, time: float) -> int:
         """Set the time of the next evaluations, s."""
@@ -388,7 +395,9 @@ def _parts(version: str) -> tuple[int, ...]:
     """The leading numbers of a version."""
     # what follows the numbers ("rc1", "+local") does not count
     match = re.match(r"\d+(\.\d+)*", version)
-    return tuple(int(part) for part in match[0].split(".")) if match else (0,)
+    if match:
+        return tuple(int(part) for part in match[0].split("."))
+    return (0,)
 
 
 def check_contents(resources: Path, token: str) -> None:

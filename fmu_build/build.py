@@ -122,7 +122,11 @@ def scene_files(scene: Scene) -> Files:
         if source not in meshes:
             path = scene.base_dir / source
             stem, names = f"mesh_{len(meshes) + 1}", included_files(path)
-            folder = f"{stem}/" if names else ""  # a deck keeps the files it includes beside it, under their names
+            # a deck keeps the files it includes beside it, under their names
+            if names:
+                folder = f"{stem}/"
+            else:
+                folder = ""
             meshes[source] = f"{folder}{stem}{suffix_of(path)}"
             files[meshes[source]] = path.read_bytes()
             for include in names:
@@ -228,8 +232,14 @@ def build_fmu(
     ModuleNotFoundError : the library of an FMU with Python is missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
-    files = fmu_files(scene, fmi) if python else compiled_files(scene, fmi)
-    more = reference_of(scene).files if extra is None else extra
+    if python:
+        files = fmu_files(scene, fmi)
+    else:
+        files = compiled_files(scene, fmi)
+    if extra is None:
+        more = reference_of(scene).files
+    else:
+        more = extra
     return write_archive(target, {**files, **more})
 
 
@@ -377,7 +387,10 @@ class _Content:
             }
         )
         # FMI 2 calls it a GUID, which is written in braces
-        self.token = f"{{{token}}}" if fmi == "2" else token
+        if fmi == "2":
+            self.token = f"{{{token}}}"
+        else:
+            self.token = token
 
     def files(self, facts: Facts, kind: bridge.Kind) -> Files:
         """The files that all kinds of FMU run by Python share."""

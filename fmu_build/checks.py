@@ -51,7 +51,10 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
     Raises InputError for a name that is not there.
     """
     loads = settable_of(scene)
-    wanted = list(loads) if list(names) == ["all"] else list(names)
+    if list(names) == ["all"]:
+        wanted = list(loads)
+    else:
+        wanted = list(names)
     if unknown := [name for name in wanted if name not in loads]:
         close = {name: did_you_mean(name, loads) for name in unknown}
         close |= {n: f"did you mean {full!r}?" for n in unknown for full in loads if full.rpartition(".")[2] == n}

@@ -58,7 +58,9 @@ class Facts:
 
     def unit_name(self, unit: str) -> str:
         """What the FMI calls a unit of the table (UDUNITS, SI) in the units of the scene."""
-        return UNITS[unit].name if self.units is SI else unit_text(self.units.label(unit)).replace(" ", ".") or "1"
+        if self.units is SI:
+            return UNITS[unit].name
+        return unit_text(self.units.label(unit)).replace(" ", ".") or "1"
 
     def references(self) -> dict[str, int]:
         """Value reference by name."""
@@ -87,12 +89,17 @@ def xml_bytes(root: Element) -> bytes:
 def _text(value: float | int | str) -> str:
     """A value with all its digits."""
     # float(): the repr of a number of NumPy is "np.float64(1.0)"
-    return repr(float(value)) if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return repr(float(value))
+    return str(value)
 
 
 def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: Iterable[str | None] = ()) -> Element:
     """The description up to its variables: kind of FMU, units of the table and ``units``, log, default experiment."""
-    token = "guid" if fmi == "2.0" else "instantiationToken"
+    if fmi == "2.0":
+        token = "guid"
+    else:
+        token = "instantiationToken"
     about = facts.labels
     labels = {"author": about.author, "version": about.version, "copyright": about.copyright, "license": about.licence}
     description = {
@@ -105,7 +112,10 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
         "variableNamingConvention": "structured",
     }
     root = Element("fmiModelDescription", description)
-    needs_tool = "true" if facts.time_step is None else "false"
+    if facts.time_step is None:
+        needs_tool = "true"
+    else:
+        needs_tool = "false"
     shared = {"needsExecutionTool": needs_tool, "canBeInstantiatedOnlyOncePerProcess": "false"}
     SubElement(root, kind, {"modelIdentifier": facts.identifier, **shared, **abilities})
     definitions = SubElement(root, "UnitDefinitions")
@@ -139,7 +149,9 @@ def _identity(variable: Variable, reference: int) -> dict[str, str]:
         "causality": variable.causality,
         "variability": variable.variability,
     }
-    return {**attributes, "initial": "calculated"} if variable.causality == "output" else attributes
+    if variable.causality == "output":
+        return {**attributes, "initial": "calculated"}
+    return attributes
 
 
 def _values(variable: Variable, facts: Facts) -> dict[str, str]:
@@ -216,7 +228,10 @@ def fmi3_description(facts: Facts) -> Element:
     outputs = [variable for variable in facts.table if variable.causality == "output"]
     for tag in ("Output", "InitialUnknown"):
         for variable in outputs:
-            depends = "" if tag == "Output" else _dependencies(variable, places)
+            if tag == "Output":
+                depends = ""
+            else:
+                depends = _dependencies(variable, places)
             SubElement(structure, tag, {"valueReference": str(places[variable.name]), "dependencies": depends})
     return root
 
@@ -228,7 +243,10 @@ def _add_variable(parent: Element, references: dict[str, int], variable: Variabl
     start = attributes.pop("start", "") if variable.kind == "string" else None
     element = SubElement(parent, types[variable.kind], attributes)
     for size in variable.dimensions:
-        place = {"start": str(size)} if isinstance(size, int) else {"valueReference": str(references[size])}
+        if isinstance(size, int):
+            place = {"start": str(size)}
+        else:
+            place = {"valueReference": str(references[size])}
         SubElement(element, "Dimension", place)
     if start is not None:
         SubElement(element, "Start", {"value": start})
@@ -464,11 +482,15 @@ def compiled_page(facts: Facts, scene_text: str, version: str, note: str = "") -
 
 
 def _unit(facts: Facts, unit: str | None) -> str | None:
-    return None if unit is None else facts.units.label(unit)
+    if unit is None:
+        return None
+    return facts.units.label(unit)
 
 
 def _units(facts: Facts) -> str:
-    return "SI units" if facts.units is SI else f"Units {facts.units.name}"
+    if facts.units is SI:
+        return "SI units"
+    return f"Units {facts.units.name}"
 
 
 def _co_simulation_page(facts: Facts, scene_text: str, version: str, use: str) -> str:
@@ -524,4 +546,6 @@ def _page(
 
 
 def _cell(value: object) -> str:
-    return "" if value is None else escape(str(value))
+    if value is None:
+        return ""
+    return escape(str(value))

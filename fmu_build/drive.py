@@ -168,7 +168,10 @@ class Drive:
             if whole and number != int(number):
                 raise ValueError
         except (ValueError, OverflowError):
-            allowed = "an integer" if whole else f"a value of type {kind}"
+            if whole:
+                allowed = "an integer"
+            else:
+                allowed = f"a value of type {kind}"
             raise InputError([Problem(name, "not a number", str(value)[:80], allowed)]) from None
         getattr(self._fmu, f"set{kind}")(reference, [int(number) if whole else number])
 
@@ -334,7 +337,9 @@ def opened(
     description = described(path)
     # one that is both is stepped: it brings its own solver
     exchange = description.modelExchange is not None and description.coSimulation is None
-    return Integration(path, start, inputs) if exchange else Drive(path, start, inputs)
+    if exchange:
+        return Integration(path, start, inputs)
+    return Drive(path, start, inputs)
 
 
 class FmuPeer(Drive):
@@ -358,7 +363,9 @@ class FmuPeer(Drive):
 
     def step(self, t: float, h: float) -> StepReport:
         """Advance from t by h, s."""
-        return StepReport(True) if self.advance(t, h) else refused(self.complaint)
+        if self.advance(t, h):
+            return StepReport(True)
+        return refused(self.complaint)
 
     def snapshot(self) -> bytes:
         """Get the state as bytes."""

@@ -94,12 +94,18 @@ def reference_of(scene: Scene, laws: Mapping[str, TimeLaw] | None = None, whole:
         return ReferenceRun({}, "no reference run: the kernels are plain Python here (--reference whole makes it)")
     step = suggested_step(scene)
     n = max(1, round(scene.time.end / step))
-    n_step = n if whole else _within(Prediction(discretise(scene)), n)
+    if whole:
+        n_step = n
+    else:
+        n_step = _within(Prediction(discretise(scene)), n)
     histories = {name: _history(name, law, laws or {}, scene.time.end) for name, law in inputs_of(scene).items()}
     run = _solved(scene, histories, [scene.time.end * i / n for i in range(n_step + 1)])
     if len(run.rows) < 2:
         return ReferenceRun({}, f"no reference run: {run.complaint}")
-    every = 1 if whole else -(-len(run.rows) * len(run.names) // MOST_NUMBERS)
+    if whole:
+        every = 1
+    else:
+        every = -(-len(run.rows) * len(run.names) // MOST_NUMBERS)
     return _files(scene, run, n, every)
 
 

@@ -116,8 +116,15 @@ class _Component:
         """Type of a variable in SSP 1.0: Real, Integer or String."""
         # in FMI 2 the type is an element within the variable, in FMI 3 the variable itself
         element = self.variables[variable]
-        kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
-        return "Integer" if kind in _INTEGERS else "String" if kind == "String" else "Real"
+        if element.tag == "ScalarVariable":
+            kind = element[0].tag
+        else:
+            kind = element.tag
+        if kind in _INTEGERS:
+            return "Integer"
+        if kind == "String":
+            return "String"
+        return "Real"
 
     def type_of(self, variable: str, prefix: str, used: dict[str, Element]) -> tuple[str, dict[str, str]]:
         """Tag of the type of a variable, and its unit, which is added to those used."""
@@ -156,7 +163,10 @@ def _parameter_set(name: str, model: _Component, values: Mapping[str, float | in
     for variable, value in values.items():
         parameter = SubElement(place, "ssv:Parameter", {"name": variable})
         tag, about = model.type_of(variable, "ssv", used)
-        text = repr(float(value)) if tag == "ssv:Real" else str(value)
+        if tag == "ssv:Real":
+            text = repr(float(value))
+        else:
+            text = str(value)
         SubElement(parameter, tag, {"value": text, **about})
     _add_units(root, "ssv:Units", used.values())
     return xml_bytes(root)

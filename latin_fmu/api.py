@@ -199,7 +199,8 @@ def _interface_line(unit: InterfaceUnit, by_search: bool, units: UnitSystem) -> 
         line += f", gap {' to '.join(gaps)} {units['m']}"
         if 0 < (closed := int((geometry.gap <= 0.0).sum())) < geometry.n_point:
             line += f", closed at {closed} of them"
-        line += f" ({unit.note})" if unit.note else ""
+        if unit.note:
+            line += f" ({unit.note})"
     if geometry.traces[1] is not None:
         line += ", node against node" if geometry.matching else f", points of {unit.sides[geometry.owner]}"
     return line + (", found" if by_search else "")

@@ -168,7 +168,8 @@ def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClo
     if options.checkpoint is not None:
         left_out = ready.problem.untouched
         names = [] if left_out is None else [*left_out.info]
-        names += ["by modes"] if ready.tries_modes else []
+        if ready.tries_modes:
+            names += ["by modes"]
         digest = scene_digest(scene, [*(options.behaviours or ()), *names])
     return march(ready.problem, options, timings, started, digest)
 
@@ -221,7 +222,8 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
     wanted = bool(scene.differentiated)
     processes, behaviours, kept = options.processes, options.behaviours, options.kept
     # shared with the scenes in which the parameters are varied
-    kept = KeptOperators() if kept is None and wanted else kept
+    if kept is None and wanted:
+        kept = KeptOperators()
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept, attempt.leave_out and not wanted)
         discretised = replace(discretised, elongation=attempt.yielding.elongation)

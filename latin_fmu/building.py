@@ -115,7 +115,9 @@ def _attached(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict
     """Bodies with point masses and rigid faces, before any matrix: both are part of a body."""
     if scene.point_mass:
         bodies = with_masses(scene, bodies, problems)
-    return with_rigid_faces(scene, bodies) if scene.coupling else bodies
+    if scene.coupling:
+        return with_rigid_faces(scene, bodies)
+    return bodies
 
 
 def discretise(
@@ -151,14 +153,18 @@ def discretise(
     if scene.port:
         sensors |= port_places(scene, bodies)
     explicit = scene.time.scheme.type == CENTRAL  # central differences need diagonal dashpots
-    known = KeptOperators() if kept is None else kept
+    if kept is None:
+        known = KeptOperators()
+    else:
+        known = kept
     conditions = {
         name: _conditions(body, scene.boundaries_of(name), scene.ports_of(name), explicit, problems, known)
         for name, body in bodies.items()
     }
     units = _units(scene, bodies, conditions, problems, remarks, known)
     _stop_at(problems)
-    units = with_behaviours(units, behaviours, problems) if behaviours else units
+    if behaviours:
+        units = with_behaviours(units, behaviours, problems)
     scene = carried(scene, units, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
@@ -178,7 +184,8 @@ def discretise(
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
     _stop_at(problems)
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
-    remarks += [] if known.compared else _remarks(problem, bodies, units)
+    if not known.compared:
+        remarks += _remarks(problem, bodies, units)
     return replace(problem, remarks=tuple(remarks), sensors=sensors, files=tuple(files))
 
 

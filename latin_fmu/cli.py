@@ -118,7 +118,9 @@ def _run(words: list[str], signals: StopSignals) -> int:
             parser = _parser(words)
         arguments = parser.parse_args(words, argparse.Namespace(signals=signals))
     except SystemExit as stop:  # argparse has printed the help, the version or what is wrong
-        return stop.code if isinstance(stop.code, int) else BAD_INPUT
+        if isinstance(stop.code, int):
+            return stop.code
+        return BAD_INPUT
     _check_paths(arguments)
     command: Command = arguments.command
     return command(arguments)
@@ -177,8 +179,12 @@ def _code(error: LatinError) -> int:
     if isinstance(error, ResultsError):
         from .results.writing import UnwrittenError  # loaded where there are results
 
-        return NOT_WRITTEN if isinstance(error, UnwrittenError) else BAD_INPUT
-    return BAD_INPUT if isinstance(error, InputError) else SOLVER_FAILED
+        if isinstance(error, UnwrittenError):
+            return NOT_WRITTEN
+        return BAD_INPUT
+    if isinstance(error, InputError):
+        return BAD_INPUT
+    return SOLVER_FAILED
 
 
 def _told(text: str, code: int) -> int:

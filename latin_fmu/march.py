@@ -131,7 +131,9 @@ class RunOptions:
     @property
     def n_process(self) -> int:
         """Processes among which the substructures are divided."""
-        return 1 if self.processes is None else self.processes.size
+        if self.processes is None:
+            return 1
+        return self.processes.size
 
     @property
     def sees_all_interfaces(self) -> bool:
@@ -166,7 +168,9 @@ class RunClock:
     @property
     def left(self) -> float | None:
         """CPU seconds that are left; None for no limit."""
-        return None if self.limit is None else max(self.limit - self.used, 0.0)
+        if self.limit is None:
+            return None
+        return max(self.limit - self.used, 0.0)
 
     def sentence(self, what: str) -> str:
         """That the limit leaves no time, and what a higher one gives."""
@@ -199,15 +203,20 @@ def march(
     observer = options.observer
     progress = options.progress
     checkpoint = options.checkpoint
-    timings = Timings() if timings is None else timings
-    started = RunClock() if started is None else started
+    if timings is None:
+        timings = Timings()
+    if started is None:
+        started = RunClock()
     assembly = problem.assembly
     begin = clock.process_time()
     part = None if options.processes is None else Part(assembly, options.processes)
     reduced = problem.reduced
     settings = problem.settings
     # what is marched: the bodies, groups of bonded ones, or the whole assembly as one substructure
-    marched = assembly if problem.grouped is None else problem.grouped.assembly
+    if problem.grouped is None:
+        marched = assembly
+    else:
+        marched = problem.grouped.assembly
     if reduced is None:
         # of the substructures of this process, where there are several
         recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
@@ -311,8 +320,13 @@ def _outcome(problem: SolverReadyProblem, run: Run, recorder: Recorder) -> Outco
 
 def _thinning(recorder: Recorder) -> list[str]:
     """A remark where forces and estimates follow from some of the instants."""
-    text = _THINNED if recorder.stream is None else _STREAMED
-    return [] if recorder.rows.every == 1 else [text.format(recorder.rows.every)]
+    if recorder.stream is None:
+        text = _THINNED
+    else:
+        text = _STREAMED
+    if recorder.rows.every == 1:
+        return []
+    return [text.format(recorder.rows.every)]
 
 
 def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assembly) -> Recorder:
@@ -320,7 +334,8 @@ def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assemb
     the substructures of this process."""
     request = replace(problem.output, watch=True)
     make: Callable[..., Recorder] = partial(Recorder, assembly)
-    make = make if problem.grouped is None else problem.grouped.recorder
+    if problem.grouped is not None:
+        make = problem.grouped.recorder
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)

@@ -160,7 +160,10 @@ _REMEDIES = (  # what the wrong line has, and what to write
 def _toml_remedy(message: str, text: str) -> str:
     """What to do about the line that an error of tomllib names."""
     lines, place = text.splitlines(), re.search(r"at line (\d+)", message)
-    line = lines[int(place[1]) - 1] if place is not None and 0 < int(place[1]) <= len(lines) else ""
+    if place is not None and 0 < int(place[1]) <= len(lines):
+        line = lines[int(place[1]) - 1]
+    else:
+        line = ""
     remedy = next((words for pattern, words in _REMEDIES if pattern.search(line)), None)
     return remedy or "strings need quotes, names of tables and keys must not repeat"
 
@@ -191,7 +194,9 @@ def _unreadable(file: Path, what: str, remedy: str | None = None) -> SceneError:
 def with_files(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     """The scene with the content of its mesh and results files, and what is wrong with them (see ``with_parts``)."""
     written, problems = with_parts(raw, base_dir)
-    return (raw, problems) if problems else _with_initial_state(written, base_dir)
+    if problems:
+        return (raw, problems)
+    return _with_initial_state(written, base_dir)
 
 
 def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
@@ -294,7 +299,10 @@ def _parts(
             groups = _listed_groups(name, table, content, problems)
         elif not content.solids:
             what, holds = "the file holds no solid cells", content.without_solids()
-            value = f"{table.file}: {holds}" if holds else table.file
+            if holds:
+                value = f"{table.file}: {holds}"
+            else:
+                value = table.file
             problems.append(
                 Problem(f"mesh.{name}.file", what, value, remedy="mesh the volume, or extrude a plane mesh")
             )
@@ -373,7 +381,10 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     except ValidationError:
         return raw, []  # the check of the fields reports it
     bodies, problems = named_tables(raw, "substructure"), []
-    chosen = list(bodies) if table.bodies is None else list(table.bodies)
+    if table.bodies is None:
+        chosen = list(bodies)
+    else:
+        chosen = list(table.bodies)
     for name in chosen:
         if name not in bodies:
             what = "no substructure of this name"

@@ -61,7 +61,10 @@ class Remark(str):
     def __new__(cls, code: str, text: str) -> Self:
         """A remark of this code; a text that is a remark keeps its own."""
         remark = super().__new__(cls, text)
-        remark.code = text.code if isinstance(text, Remark) else code
+        if isinstance(text, Remark):
+            remark.code = text.code
+        else:
+            remark.code = code
         assert remark.code in REMARKS, remark.code
         return remark
 

@@ -83,7 +83,10 @@ class Quantities:
         owner, row = quantity.rpartition(".")[0], definition_of(quantity)
         if row.mean and owner in self.forces and owner in defining.durations:
             force, duration = self.forces[owner], defining.durations[owner]
-            nothing = ROUND_OFF * defining.forces[owner].raw_peak() if row.instant else 0.0
+            if row.instant:
+                nothing = ROUND_OFF * defining.forces[owner].raw_peak()
+            else:
+                nothing = 0.0
             found = row.value(InterfaceRecord(force, float(force.time[-1]), duration, nothing))
             if found is not None:
                 return found
@@ -101,7 +104,8 @@ class Quantities:
             return float(np.linalg.norm(self.vectors[owner] - other.vectors[owner]))
         if how == "spectrum":
             return self.values[quantity] * self.history(quantity).largest_ratio(other.history(quantity))
-        defining = self if defining is None else defining
+        if defining is None:
+            defining = self
         return abs(self.value(quantity, defining) - other.value(quantity, defining))
 
     def change(self, quantity: str, other: Quantities, defining: Quantities) -> float:
@@ -112,7 +116,10 @@ class Quantities:
         """
         owner, row = quantity.rpartition(".")[0], definition_of(quantity)
         if row.distance == "peak" and owner in self.forces:
-            duration = defining.durations.get(owner, 0.0) if row.mean else 0.0
+            if row.mean:
+                duration = defining.durations.get(owner, 0.0)
+            else:
+                duration = 0.0
             return self.forces[owner].apart_near_peak(other.forces[owner], duration)
         if row.distance == "peak" and quantity in self.signals:
             return self.signals[quantity].apart_near_peak(other.signals[quantity])
@@ -122,7 +129,11 @@ class Quantities:
         """Relative error of a quantity against a reference."""
         scale = reference.scales[quantity]
         apart = self.distance(quantity, reference)
-        return apart / scale if scale > 0.0 else (0.0 if apart == 0.0 else np.inf)
+        if scale > 0.0:
+            return apart / scale
+        if apart == 0.0:
+            return 0.0
+        return np.inf
 
 
 # -- Interfaces -------------------------------------------------------------------------------------------------------
@@ -226,4 +237,6 @@ def relative(quantity: str, scale: Quantities, a: Quantities, b: Quantities) -> 
     if quantity not in a.values or quantity not in b.values:
         return math.nan
     divisor = scale.scales[quantity]
-    return a.change(quantity, b, scale) / divisor if divisor > 0.0 else 0.0
+    if divisor > 0.0:
+        return a.change(quantity, b, scale) / divisor
+    return 0.0

@@ -90,11 +90,16 @@ class RefinementSequence:
 
     def factor(self, wanted: float) -> float:
         """The factor nearest to ``wanted`` that the meshes allow."""
-        return mesh_factor(self.scene, wanted) if self.refines_mesh else wanted
+        if self.refines_mesh:
+            return mesh_factor(self.scene, wanted)
+        return wanted
 
     def at(self, factor: float) -> Resolution:
         """Mesh and steps of a factor: shorter steps where the Courant number is above 0.75."""
-        mesh = factor if self.refines_mesh else 1.0
+        if self.refines_mesh:
+            mesh = factor
+        else:
+            mesh = 1.0
         return Resolution(mesh, aligned(self.scene, factor * step_ratio(self.scene)))
 
     def chain(self, factor: float) -> list[float]:
@@ -191,7 +196,10 @@ class RefinementSequence:
             self._diagonal.add(f)
             runs.append(run)
         if len(runs) < 2:
-            value = runs[0].quantities.values[quantity] if runs else math.nan
+            if runs:
+                value = runs[0].quantities.values[quantity]
+            else:
+                value = math.nan
             return QuantityEstimate(quantity, value, math.inf)
         scene = at_resolution(self.scene, self.at(factor))
         return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs])
@@ -203,7 +211,9 @@ class RefinementSequence:
         except LatinError as error:
             self.log(f"no coarser run: {message_of(error)}")
             return None
-        return run if run.converged else None
+        if run.converged:
+            return run
+        return None
 
 
 def _fineness(at: Resolution) -> tuple[float, float]:
@@ -310,7 +320,10 @@ class _Search:
                     return self._chosen(factor, estimate)
             if self._stagnates():
                 raw = definition_of(estimate.quantity).unlimited
-                remedy = "; use peak_force, a time-averaged force" if raw else ""
+                if raw:
+                    remedy = "; use peak_force, a time-averaged force"
+                else:
+                    remedy = ""
                 what = f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
                 return self._refused(what + remedy)
             following, expected_last = self._next(factor, estimate)
@@ -332,7 +345,10 @@ class _Search:
         coarser runs. Measured times are not used: the search is reproducible.
         """
         # an order out of this range is that of changes that cancel; NaN compares as out of it
-        order = estimate.order if 0.3 <= estimate.order <= 2.0 else estimate.expected_order
+        if 0.3 <= estimate.order <= 2.0:
+            order = estimate.order
+        else:
+            order = estimate.expected_order
         refinement = max((estimate.error / (_MARGIN * self.target)) ** (1.0 / order), _LEAST_REFINEMENT)
         # cost ~ factor^(1 + exponent), as the steps are refined with the mesh
         longest = min(_LARGEST_REFINEMENT, _LARGEST_COST_RATIO ** (1.0 / (1.0 + cost_exponent(self.scene))))
@@ -354,7 +370,10 @@ class _Search:
                 self.sequence.run(self.sequence.at(f))
             if why := self._too_large(at):
                 return why
-            run = self.sequence.with_output(at, self.scene.output) if expected_last else self.sequence.run(at)
+            if expected_last:
+                run = self.sequence.with_output(at, self.scene.output)
+            else:
+                run = self.sequence.run(at)
             if not run.converged:
                 return f"mesh x {at.mesh:.3g}: {run.status}"
             if not any(is_target(self.scene, q) for q in run.quantities.values):
@@ -363,8 +382,14 @@ class _Search:
         except LatinError as error:
             return message_of(error)
         estimate = self.estimates[factor]
-        order = "" if math.isnan(estimate.order) else f", observed order {estimate.order:.1f}"
-        what = "bound" if estimate.bound_only else "error"
+        if math.isnan(estimate.order):
+            order = ""
+        else:
+            order = f", observed order {estimate.order:.1f}"
+        if estimate.bound_only:
+            what = "bound"
+        else:
+            what = "error"
         self.log(f"         {estimate.quantity}: {what} {percent(estimate.error)}{order}")
         return ""
 

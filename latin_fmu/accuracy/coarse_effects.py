@@ -65,8 +65,14 @@ def coarse_run(scene: Scene, max_cpu: float | None = None) -> CoarseRun:
     ------
     SceneError : the scene cannot be built.
     """
-    mesh = mesh_factor(scene, COARSE) if coarsens_mesh(scene) else 1.0
-    time = 1.0 if scene.time.quasi_static else COARSE
+    if coarsens_mesh(scene):
+        mesh = mesh_factor(scene, COARSE)
+    else:
+        mesh = 1.0
+    if scene.time.quasi_static:
+        time = 1.0
+    else:
+        time = COARSE
     coarse = at_resolution(scene, Resolution(mesh, time))
     # fields: the energy of vibrations needs the velocities of all nodes
     coarse = coarse.model_copy(update={"output": type(scene.output)(fields=not scene.time.quasi_static, energy=True)})
@@ -100,7 +106,10 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
     # area times number of instants, m2: only ratios of them have a meaning
     touching, slipping = (float((flags @ history.areas).sum()) for flags in (status != SEPARATION, status == SLIP))
     if touching == 0.0:
-        gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} {solution.units['m']}"
+        if history.gap is None:
+            gap = ""
+        else:
+            gap = f": the smallest gap is {history.gap.min():.3g} {solution.units['m']}"
         yield f"interface {name} is always open{gap}"
         return
     mu, share = history.mu, slipping / touching
@@ -123,7 +132,10 @@ def _of_energies(solution: Solution) -> Iterator[str]:
     energy = solution.energy or {}
     largest = max((float(np.abs(values).max(initial=0.0)) for values in energy.values()), default=0.0)
     for key, name in (("friction_dissipation", "friction"), ("damping_dissipation", "damping")):
-        lost = float(np.abs(energy[key]).max(initial=0.0)) if key in energy else 0.0
+        if key in energy:
+            lost = float(np.abs(energy[key]).max(initial=0.0))
+        else:
+            lost = 0.0
         # below it the scene does not have the effect: nothing could be left out
         if ROUND_OFF * largest < lost <= NEGLIGIBLE * largest:
             yield f"{name} dissipates {100 * lost / largest:.2g} % of the largest energy"

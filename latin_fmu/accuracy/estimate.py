@@ -91,7 +91,9 @@ class Changes:
     @property
     def order(self) -> float:
         """Observed order of convergence; NaN where the changes give none."""
-        return observed_order(self.half, self.quarter, self.ratios) if self.same_way else math.nan
+        if self.same_way:
+            return observed_order(self.half, self.quarter, self.ratios)
+        return math.nan
 
 
 def expected_order(definition: QuantityOfInterest, changes: Changes) -> float:
@@ -127,10 +129,16 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
     ratio, second = changes.ratios
     last = changes.half / (ratio**p - 1.0)
     if math.isnan(changes.quarter):
-        fewer = 1.0 if changes.bars or definition.norm else SOLIDS
+        if changes.bars or definition.norm:
+            fewer = 1.0
+        else:
+            fewer = SOLIDS
         error = fewer * definition.alone * last + definition.share * changes.beside
     else:
-        before = 0.0 if definition.norm else changes.quarter / ((second / ratio) ** p - 1.0) / ratio**p
+        if definition.norm:
+            before = 0.0
+        else:
+            before = changes.quarter / ((second / ratio) ** p - 1.0) / ratio**p
         error = definition.safety * (last + before)
     error = max(error, changes.sampling) + changes.iteration
     if math.isnan(error):
@@ -153,11 +161,15 @@ def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> 
 
     def quotient(p: float) -> float:
         # the limit at p = 0
-        return (b - a) / a if abs(p) < 1e-9 else (math.exp(p * b) - math.exp(p * a)) / math.expm1(p * a)
+        if abs(p) < 1e-9:
+            return (b - a) / a
+        return (math.exp(p * b) - math.exp(p * a)) / math.expm1(p * a)
 
     low, high = _ORDERS
     if not quotient(low) < quarter / half < quotient(high):
-        return low if quarter / half <= quotient(low) else high
+        if quarter / half <= quotient(low):
+            return low
+        return high
     for _ in range(60):  # bisection to round-off: the quotient grows with p
         middle = 0.5 * (low + high)
         low, high = (middle, high) if quotient(middle) < quarter / half else (low, middle)
@@ -210,7 +222,10 @@ def element_transit(scene: Scene, sides: Sequence[str], spacing: float) -> float
             size = float(edges[AXES.index(side[0])] if side[0] in AXES else edges.max())
         # of a box along the normal of the face, else the slowest along an axis
         speeds = elasticity_of(material).pressure_speed(np.eye(3))
-        speed = speeds[AXES.index(side[0])] if body.box is not None and side[0] in AXES else speeds.min()
+        if body.box is not None and side[0] in AXES:
+            speed = speeds[AXES.index(side[0])]
+        else:
+            speed = speeds.min()
         longest = max(longest, size / float(speed))
     return longest
 
@@ -244,7 +259,10 @@ def quantity_estimate(
     if definition.instant:
         sampling = 0.0
     history = f"{owner}.{definition.of}"
-    beside = relative(history, fine, fine, half) if history in fine.values else 0.0
+    if history in fine.values:
+        beside = relative(history, fine, fine, half)
+    else:
+        beside = 0.0
     changes = Changes(
         half=relative(quantity, fine, fine, half),
         quarter=quarter,
@@ -260,13 +278,15 @@ def quantity_estimate(
     error, bound_only = estimated_error(definition, changes)
     if definition.mean and definition.norm and not scene.time.quasi_static:
         shortest = SHORTEST_MEAN * element_transit(scene, fine.sides[owner], fine.spacings[owner])
-        error = error if fine.durations[owner] >= shortest else math.inf
+        if not (fine.durations[owner] >= shortest):
+            error = math.inf
     order, base = expected_order(definition, changes), 0.0
     if definition.rests:
         history = f"{owner}.{definition.rests}"
         base = quantity_estimate(scene, history, runs, sampling, changes.front).error
         # two runs may agree on a number whose histories have nothing in common
-        error = error if base <= MOST_OF_HISTORY else math.inf
+        if not (base <= MOST_OF_HISTORY):
+            error = math.inf
     return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, order, base)
 
 
@@ -333,7 +353,9 @@ class _Shares:
     def of(self, run: Resolution) -> _Shares | None:
         """Receiver of the progress of this run, None where no progress is reported."""
         self._first, self._last = self._parts[run]
-        return None if self._report is None else self
+        if self._report is None:
+            return None
+        return self
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
         """Report how far the present run is, see ``api.ProgressSink``."""

@@ -228,8 +228,14 @@ def measured_effects(
 
 def _halved(scene: Scene) -> Scene:
     """The scene with half its elements along an edge and half its steps, and its output."""
-    mesh = mesh_factor(scene, 0.5) if coarsens_mesh(scene) else 1.0
-    time = 1.0 if scene.time.quasi_static or scene.time.n_step < 2 * FEWEST_STEPS else 0.5
+    if coarsens_mesh(scene):
+        mesh = mesh_factor(scene, 0.5)
+    else:
+        mesh = 1.0
+    if scene.time.quasi_static or scene.time.n_step < 2 * FEWEST_STEPS:
+        time = 1.0
+    else:
+        time = 0.5
     return at_resolution(scene, Resolution(mesh, time)).model_copy(update={"output": scene.output})
 
 
@@ -279,7 +285,8 @@ def changes(scene: Scene, plain: Solution, other: Solution) -> dict[str, float]:
     for group, (one, two) in zip(GROUPS[:2], zip(_histories(plain), _histories(other), strict=True), strict=True):
         size = max((signal.root_mean_square() for signal in one.values()), default=0.0)
         apart = [one[name].distance(two[name]) / size for name in one if name in two and size > 0.0]
-        changes_by_group |= {group: max(apart)} if apart else {}
+        if apart:
+            changes_by_group |= {group: max(apart)}
     peaks, others = ({q: v for q, v in measure_solution(scene, s).values.items() if _peak(q)} for s in (plain, other))
     size = max(peaks.values(), default=0.0)
     apart = [abs(value - others[q]) / size for q, value in peaks.items() if q in others and size > 0.0]
@@ -380,7 +387,10 @@ def _few(candidates: Sequence[Switch]) -> tuple[list[Switch], list[str]]:
         once.setdefault(switch.what, switch)  # what is suggested may be one of the others
     for switch in once.values():
         # "friction of NAME" is a kind; settings without an owner are one each
-        kind = switch.effect.partition(" of ")[0] if " of " in switch.effect else switch.what
+        if " of " in switch.effect:
+            kind = switch.effect.partition(" of ")[0]
+        else:
+            kind = switch.what
         kinds.setdefault(kind, []).append(switch)
     unmeasured = [
         f"{kind} of {len(members) - _EACH} more than {_EACH}" for kind, members in kinds.items() if len(members) > _EACH

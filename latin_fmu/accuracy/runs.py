@@ -49,7 +49,9 @@ def mesh_files(scene: Scene) -> list[MeshFile]:
 def coarsens_mesh(scene: Scene) -> bool:
     """Whether a coarser mesh exists: of boxes, and of files that are refined."""
     files = mesh_files(scene)
-    return all(file.refine > 0 for file in files) if files else bool(counts_that_vary(scene))
+    if files:
+        return all(file.refine > 0 for file in files)
+    return bool(counts_that_vary(scene))
 
 
 def mesh_factor(scene: Scene, wanted: float) -> float:
@@ -121,7 +123,10 @@ def in_short_windows(scene: Scene, scheme: str | None = None) -> Scene:
     """The scene with windows of one instant in the place of one whole window: same solution, far fewer sweeps. Its time
     scheme is the one chosen for this mesh, on coarser and finer ones too; ``scheme``: its name where a run was made."""
     if isinstance(scene.time.scheme, AutomaticScheme) and not scene.time.quasi_static:
-        name = discretise(scene).scheme.name if scheme is None else scheme
+        if scheme is None:
+            name = discretise(scene).scheme.name
+        else:
+            name = scheme
         chosen = GeneralizedAlphaTable() if name.startswith("generalized_alpha") else HHTTable()
         scene = scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": chosen})})
     if scene.solver.window != WHOLE:
@@ -149,7 +154,8 @@ def sampling_error(scene: Scene, step: float | None = None) -> float:
 
     Loads that are inputs count as exact.
     """
-    step = scene.time.time_step if step is None else step
+    if step is None:
+        step = scene.time.time_step
     time = step * np.arange(math.ceil(scene.time.end / step - 1e-6) + 1)
     laws = [law for law in scene.force_laws.values() if not isinstance(law, InputLaw)]
     return max((abs(sampled_impulse_error(law, time)) for law in laws), default=0.0)

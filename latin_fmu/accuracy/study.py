@@ -197,15 +197,13 @@ def variants_of(scene: Scene) -> list[Variant]:
 def directions_of(scene: Scene) -> list[str]:
     """Search directions that need no parameters."""
     tables = tables_in(Solver.model_fields["search_direction"].annotation)
-    return (
-        [
+    if scene.interface:
+        return [
             str(tag_of(table))
             for table in tables
             if not any(field.is_required() for field in table.model_fields.values())
         ]
-        if scene.interface
-        else []
-    )
+    return []
 
 
 def changed(scene: Scene, changes: dict[str, dict[str, Any]]) -> Scene:
@@ -235,8 +233,13 @@ def _tags(table: type[Time] | type[Solver], field: str) -> list[str]:
 def _name(scene: Scene) -> str:
     propagator = scene.solver.propagator.type
     scheme = scene.time.scheme
-    text = f"hht {scheme.alpha:g}" if scheme.type == "hht" else scheme.type
-    return text if propagator in ("automatic", "direct", "explicit") else f"{propagator}, {text}"
+    if scheme.type == "hht":
+        text = f"hht {scheme.alpha:g}"
+    else:
+        text = scheme.type
+    if propagator in ("automatic", "direct", "explicit"):
+        return text
+    return f"{propagator}, {text}"
 
 
 @dataclass
@@ -256,12 +259,16 @@ class Row:
     @property
     def factor(self) -> float:
         """By which the row is refined: of the mesh, or of the steps where the mesh is as written."""
-        return self.resolution.mesh if self.resolution.mesh != 1.0 else self.resolution.time
+        if self.resolution.mesh != 1.0:
+            return self.resolution.mesh
+        return self.resolution.time
 
     @property
     def failure(self) -> str:
         """Reason why the run was not made or did not converge; empty for a good one."""
-        return "" if self.run.converged else self.run.status
+        if self.run.converged:
+            return ""
+        return self.run.status
 
 
 @dataclass
@@ -290,7 +297,9 @@ class StudyRuns:
         run, scene = self._made[key], variant.scene
         tolerance = resolution.tolerance or (math.nan if scene is None else scene.solver.tolerance)
         self.rows.append(Row(series, variant.name, tolerance, run))
-        return run if run.converged else None
+        if run.converged:
+            return run
+        return None
 
     def warm_up(self, variant: Variant, resolution: Resolution) -> None:
         """One run that is in no row, so that no row includes the time to load or compile kernels."""
@@ -395,7 +404,9 @@ class Study:
     def error(self, row: Row, quantity: str) -> float:
         """Relative error of a quantity of a row against the reference; NaN where unknown, where the run has not
         converged, or where the reference is a run hardly finer."""
-        return self.error_of(row.run.quantities, row.resolution, quantity) if row.run.converged else math.nan
+        if row.run.converged:
+            return self.error_of(row.run.quantities, row.resolution, quantity)
+        return math.nan
 
     def error_of(self, quantities: Quantities, at: Resolution, quantity: str) -> float:
         """The same of the quantities of a run at a resolution."""
@@ -403,7 +414,9 @@ class Study:
         # 0.75: the error of a reference hardly finer is as large as the one measured
         finer = finest is None or min(at.mesh / finest.mesh, at.time / finest.time) <= 0.75
         measured = quantity in quantities.values and quantity in self.reference.quantities.scales
-        return quantities.error(quantity, self.reference.quantities) if finer and measured else math.nan
+        if finer and measured:
+            return quantities.error(quantity, self.reference.quantities)
+        return math.nan
 
     @property
     def quantities(self) -> list[str]:
@@ -470,7 +483,9 @@ def _searched(scene: Scene, budget: float, log: Log) -> list[Searched]:
 
 def _factors(scene: Scene, wanted: tuple[float, ...]) -> list[float]:
     """The refinement factors near those wanted that the meshes allow."""
-    return sorted({mesh_factor(scene, f) for f in wanted}) if coarsens_mesh(scene) else list(wanted)
+    if coarsens_mesh(scene):
+        return sorted({mesh_factor(scene, f) for f in wanted})
+    return list(wanted)
 
 
 def _at(scene: Scene, factor: float) -> Resolution:
@@ -633,7 +648,9 @@ def _order(rows: list[Row], quantity: str, mesh: bool) -> float:
 
 
 def _factor(row: Row, mesh: bool) -> float:
-    return row.resolution.mesh if mesh else row.resolution.time
+    if mesh:
+        return row.resolution.mesh
+    return row.resolution.time
 
 
 def cheapest(study: Study, quantity: str, target: float, variant: str | None = None) -> Row | None:
@@ -644,7 +661,10 @@ def cheapest(study: Study, quantity: str, target: float, variant: str | None = N
     """
     best: Row | None = None
     estimate = study.reference.own_error
-    own_error = 0.0 if estimate is None else estimate[quantity].error
+    if estimate is None:
+        own_error = 0.0
+    else:
+        own_error = estimate[quantity].error
     tried = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
     for name in tried if variant is None else (variant,):
         # from the finest: one that is accurate by chance, with finer ones that are not, does not count
@@ -770,7 +790,10 @@ def _source(s: ErrorSources) -> tuple[str, ...]:
 
 
 def _cells(study: Study, row: Row) -> list[str]:
-    cost = [f"{row.run.cpu:.3g}", f"{row.run.iterations[0]:.1f}"] if row.run.steps else ["-", "-"]
+    if row.run.steps:
+        cost = [f"{row.run.cpu:.3g}", f"{row.run.iterations[0]:.1f}"]
+    else:
+        cost = ["-", "-"]
     at = row.resolution
     errors = ["failed" if row.failure else percent(study.error(row, q)) for q in study.quantities]
     return [row.series, row.variant, f"{at.mesh:.3g}", f"{at.time:.3g}", f"{row.tolerance:g}", *cost, *errors]

@@ -91,7 +91,10 @@ def _sources(study: Study) -> xr.Dataset:
     split = [sources(study, q) for q in study.quantities]
     table = xr.Dataset(coords={"quantity": _texts(study.quantities)})
     for name in _SOURCES:
-        long_name = "observed order, " + name[6:] if name.startswith("order") else f"relative error, {name}"
+        if name.startswith("order"):
+            long_name = "observed order, " + name[6:]
+        else:
+            long_name = f"relative error, {name}"
         _add(table, name, ("quantity",), [getattr(s, name) for s in split], long_name)
     return table
 
@@ -168,7 +171,10 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
         cost = [r.run.cpu for r in rows]
         # 1e-5: an exact value has no place on a logarithmic axis
         errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
-        width = 2.4 if name == study.main else 0.8
+        if name == study.main:
+            width = 2.4
+        else:
+            width = 0.8
         axes.plot(cost, 100 * errors, label=name, linewidth=width, markersize=3.0 + width, **look)
     _searches(axes, study, quantity)
     estimate = study.reference.own_error
@@ -375,4 +381,6 @@ def _price_data(study: Study, quantity: str, target: float) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    return value if not isinstance(value, float) or math.isfinite(value) else None
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return None

@@ -102,7 +102,9 @@ def place_on(
         return place_on_face(body, face, point)
     at = np.asarray(point, dtype=float)
     location = _located(body, at, f"{where}.point", problems)
-    return None if location is None else PlaceOnBody(at, MeanMotion.of_point(at, location, body.mesh.n_node), body)
+    if location is None:
+        return None
+    return PlaceOnBody(at, MeanMotion.of_point(at, location, body.mesh.n_node), body)
 
 
 def _located(body: Body, point: Array, where: str, problems: Problems) -> Location | None:
@@ -206,7 +208,10 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
         first, second = ends
         if first is None or second is None:
             continue
-        line = second.point - first.point if spring.direction is None else np.asarray(spring.direction)
+        if spring.direction is None:
+            line = second.point - first.point
+        else:
+            line = np.asarray(spring.direction)
         length = float(np.abs(line).max())  # squares of a direction may over- or underflow
         if spring.direction is None and length <= _TOGETHER * np.sqrt(first.area):
             what = "the ends are at the same place, so that the spring has no direction"
@@ -244,7 +249,10 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
         length = max(end.motion.radius for end in made if end.motion is not None)
         area = min(end.area for end in made)
         joined = coupling.rotations and not solid
-        geometry = _rods(made, point, length, area) if joined else _ball_joint(made, point, area)
+        if joined:
+            geometry = _rods(made, point, length, area)
+        else:
+            geometry = _ball_joint(made, point, area)
         law = Rods() if joined else Perfect()
         units.append(InterfaceUnit(name, interface.sides, law, geometry, 0.0, where))
     return units
@@ -295,5 +303,6 @@ def _law(interface: Interface, area: float) -> Behaviour:
     """The layer that has the stiffness, or viscosity, of the whole on this area, m2."""
     keys = TAKES[interface.behaviour]
     values = {key: getattr(interface, key) / area for key in PARAMETERS if key in keys and key != _TIME}
-    values |= {_TIME: interface.relaxation_time} if _TIME in keys else {}
+    if _TIME in keys:
+        values |= {_TIME: interface.relaxation_time}
     return BEHAVIOURS[interface.behaviour](**values)

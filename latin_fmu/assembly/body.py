@@ -122,7 +122,9 @@ class Shape:
     def lumped_mass(self) -> Array | None:
         """Positive masses (3 n_node,) where the row sums of the mass are not, else None."""
         nodal = lumped_mass(self.elements, self.material.density)
-        return None if nodal is None else np.repeat(nodal, 3)
+        if nodal is None:
+            return None
+        return np.repeat(nodal, 3)
 
     @cached_property
     def stiffness(self) -> sp.csr_array:
@@ -201,7 +203,9 @@ class Body:
 
     def with_added(self, mass: sp.csr_array) -> sp.csr_array:
         """A mass of the mesh (3 n_node, 3 n_node), kg, with that of the point masses."""
-        return mass if self.added is None else sp.csr_array(mass + self.added.matrix)
+        if self.added is None:
+            return mass
+        return sp.csr_array(mass + self.added.matrix)
 
     @cached_property
     def lumped_mass(self) -> Array | None:
@@ -210,14 +214,17 @@ class Body:
         if self.added is None:
             return own
         # row sums of the mass, whose components do not couple
-        own = self.shape.mass @ np.ones(self.full_size()) if own is None else own
+        if own is None:
+            own = self.shape.mass @ np.ones(self.full_size())
         return np.asarray(own + self.added.lumped)
 
     @cached_property
     def rigid_motions(self) -> RigidBody:
         """Rigid motions about the mass centre and their mass, point masses included."""
         plain = rigid_body(self.mesh, self.shape.material.density)
-        return plain if self.added is None else plain.with_mass(self.mesh.nodes, self.added.matrix)
+        if self.added is None:
+            return plain
+        return plain.with_mass(self.mesh.nodes, self.added.matrix)
 
     @cached_property
     def outside(self) -> FacetSet:
@@ -226,7 +233,9 @@ class Body:
 
     def facets(self, name: str) -> FacetSet:
         """Facets of a named face; "*" is the whole boundary."""
-        return self.outside if name == ALL_OF_IT else self.mesh.faces[name]
+        if name == ALL_OF_IT:
+            return self.outside
+        return self.mesh.faces[name]
 
     @cached_property
     def _faces(self) -> dict[str, Face]:
@@ -235,7 +244,9 @@ class Body:
 
     def nodes_of(self, name: str) -> Index:
         """Nodes of a named face, with the edges and points of its name; "*" is the whole boundary."""
-        return self.outside.nodes if name == ALL_OF_IT else self.mesh.nodes_of(name)
+        if name == ALL_OF_IT:
+            return self.outside.nodes
+        return self.mesh.nodes_of(name)
 
     def face(self, name: str) -> Face:
         """Nodal integrals of a face."""
@@ -279,12 +290,16 @@ class Body:
             # about the mass centre, point masses included
             arm = self.mesh.nodes - self.rigid_motions.centre
             velocity += np.cross(np.asarray(description.initial_spin), arm)
-        return velocity.ravel() if self.velocity_field is None else (velocity + self.velocity_field).ravel()
+        if self.velocity_field is None:
+            return velocity.ravel()
+        return (velocity + self.velocity_field).ravel()
 
     def initial_displacement(self) -> Array:
         """Displacement of the nodes at t = 0, (3 n_node,), m."""
         uniform = np.tile(np.asarray(self.description.initial_displacement, dtype=float), self.mesh.n_node)
-        return uniform if self.displacement_field is None else uniform + self.displacement_field.ravel()
+        if self.displacement_field is None:
+            return uniform
+        return uniform + self.displacement_field.ravel()
 
     @cached_property
     def velocity_field(self) -> Array | None:
@@ -475,8 +490,14 @@ def _file_lines(files: _MeshFiles, scene: Scene, bodies: Mapping[str, Body]) -> 
         volume = sum(float(body.shape.elements.volume.sum()) for body in chosen)
         mass = sum(float(body.shape.elements.volume.sum()) * body.shape.material.density for body in chosen)
         scales = " or ".join(f"{scale:g}" for scale in sorted({table.scale for table in tables.values()}))
-        unit = f" (the file says {content.unit})" if content.unit else ""
-        many = "1 body" if len(tables) == 1 else f"{len(tables)} bodies"
+        if content.unit:
+            unit = f" (the file says {content.unit})"
+        else:
+            unit = ""
+        if len(tables) == 1:
+            many = "1 body"
+        else:
+            many = f"{len(tables)} bodies"
         words = [many, f"{volume:.6g} {units['m3']}", f"{mass:.6g} {units['kg']}"]
         words += [f"a unit of it is {scales} {units['m']}{unit}", *content.said]
         solids = sum(len(cells) for cells in content.solids.values()) - sum(body.mesh.n_cell for body in chosen)

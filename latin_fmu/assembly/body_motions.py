@@ -50,7 +50,10 @@ class BodyMotions(Propagator):
     def internal_forces(self) -> tuple[Array, Array]:
         """K u and C v of the free dofs, (n_dof, n_member), N."""
         _, damping, stiffness = self.members[0].reduced
-        viscous = np.zeros_like(self.state.v) if damping is None else damping @ self.state.v
+        if damping is None:
+            viscous = np.zeros_like(self.state.v)
+        else:
+            viscous = damping @ self.state.v
         return stiffness @ self.state.u, viscous
 
     def mass_factor(self) -> Any:
@@ -64,8 +67,15 @@ def standing_bodies(
     """Classes of the bodies, their assembly at t = 0 with ``BodyMotions``, and what drives it; ``start`` : the
     equilibrium there, None where there is none."""
     units = problem.units
-    layout = problem.layout if start is None else Layout(units)  # ``start`` changes its gaps
-    classes = problem.classes if start is None else start.displaced(problem.classes)
+    # ``start`` changes its gaps
+    if start is None:
+        layout = problem.layout
+    else:
+        layout = Layout(units)
+    if start is None:
+        classes = problem.classes
+    else:
+        classes = start.displaced(problem.classes)
     propagators = [BodyMotions(c.members, scheme, problem.dt, False) for c in classes]
     given = units, layout, problem.impedance.copy(), problem.characteristic_traction, scheme
     assembly = Assembly(propagators, [c.channels for c in classes], *given)

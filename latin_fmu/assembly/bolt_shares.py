@@ -90,4 +90,6 @@ def _along(boundary: Fixed, normal: Array) -> bool:
 def fraction(share: float) -> str:
     """A share in words, as 1/2."""
     near = Fraction(share).limit_denominator(_LARGEST_DENOMINATOR)
-    return str(near) if abs(float(near) - share) < _FLAT else f"{share:.4g}"
+    if abs(float(near) - share) < _FLAT:
+        return str(near)
+    return f"{share:.4g}"

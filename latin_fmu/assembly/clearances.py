@@ -118,7 +118,9 @@ class _Faces:
     def _radius(self) -> float:
         """Smaller radius of round faces, m; 0 where both are plane."""
         curvature = max(surface.curvature for _, surface in self._touched)
-        return 1.0 / curvature if curvature * self.size > 1e-3 else 0.0
+        if curvature * self.size > 1e-3:
+            return 1.0 / curvature
+        return 0.0
 
     @cached_property
     def _smaller(self) -> tuple[float, str]:
@@ -130,7 +132,10 @@ class _Faces:
             some = np.linspace(0, len(middles) - 1, min(_MOST_RAYS, len(middles))).astype(int)
             through = thicknesses(body.surface(ALL_OF_IT), middles[some], -normals[some])
             # fillets and edges are no measure of a wall
-            thick = float(np.median(through)) if np.isfinite(np.median(through)) else body.mesh.size
+            if np.isfinite(np.median(through)):
+                thick = float(np.median(through))
+            else:
+                thick = body.mesh.size
             found.append((thick, f"thickness of {body.name}"))
         return min(found)
 
@@ -148,7 +153,10 @@ class _Distance(_Faces):
             if largest > self.negligible and self._by_meshes:
                 if self.pair.chord > 0.0 and not self._smooth_ones_touch():
                     return None
-                what = "chords of their facets" if self.pair.chord > 0.0 else "error of the measure"
+                if self.pair.chord > 0.0:
+                    what = "chords of their facets"
+                else:
+                    what = "error of the measure"
                 note = f"faces within {largest:.2g} {self.length} of each other touch ({what}: "
                 note += f"{float(self.within.max()):.2g} {self.length})"
             return Opening(np.zeros(len(distance)), note)
@@ -172,7 +180,9 @@ class _Distance(_Faces):
             return None
         own, other = (smoothed(Surface(self.sides[i][0].mesh.nodes, self.sides[i][1])) for i in self._order)
         made = mortar(own, other, self.interface.search)
-        return None if made is None else (made, made.owner @ own.nodes)
+        if made is None:
+            return None
+        return (made, made.owner @ own.nodes)
 
     @property
     def _order(self) -> tuple[int, int]:
@@ -197,7 +207,10 @@ class _Distance(_Faces):
         error = max(_CHORDS * float(np.median(made.sags[round_ones])), _SMOOTH * self.pair.chord)
         if abs(apart) <= error + self.negligible:
             return True
-        kind = "a clearance" if apart > 0.0 else "an interference"
+        if apart > 0.0:
+            kind = "a clearance"
+        else:
+            kind = "an interference"
         self.problems.add(
             f"interface.{self.name}.gap",
             f"{kind} of round faces with flat facets, which are up to {self.pair.chord:.3g} {self.length} from the "
@@ -277,14 +290,20 @@ class _Gap(_Distance):
         apart, depth = float(distance.max()), -float(distance.min())
         most = self.interface.search or 0.0
         apart_at_most = max(MATCHING * self.size, most)
-        deepest = np.inf if self.interface.overlap == "ignore" else max(apart_at_most, _THREAD * self._radius)
+        if self.interface.overlap == "ignore":
+            deepest = np.inf
+        else:
+            deepest = max(apart_at_most, _THREAD * self._radius)
         if self.interface.overlap == "refuse":
             deepest = MATCHING * self.size
         largest = max(apart, depth)
         if apart <= apart_at_most and depth <= deepest:
             if largest <= MATCHING * self.size:
                 return Opening(np.zeros(len(distance)))
-            how = "overlap" if depth >= apart else "are apart"
+            if depth >= apart:
+                how = "overlap"
+            else:
+                how = "are apart"
             note = f"bonded where its faces {how} by up to {largest:.4g} {self.length}"
             # asked for, as of a thread in a hole drawn at its core or as drilled
             if self.interface.overlap != "ignore":

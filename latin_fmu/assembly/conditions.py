@@ -76,7 +76,10 @@ class Conditions:
                 own = self.expansion[rows]
                 # columns of other nodes are zero here
                 block = np.hstack([own[:, np.unique(own.indices)].toarray(), self.pattern[rows]])
-                free = la.orth(block, rcond=_ROUND_OFF) if block.any() else np.zeros((3, 0))
+                if block.any():
+                    free = la.orth(block, rcond=_ROUND_OFF)
+                else:
+                    free = np.zeros((3, 0))
                 made[node] = np.eye(3) - free @ free.T
         return made
 
@@ -85,7 +88,9 @@ class Conditions:
     ) -> Array:
         """What drives the prescribed motions, (n_time, n_motion), see ``PrescribedMotion.driving``."""
         columns = [m.driving(time, over_steps, given, end) for m in self.motions]
-        return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
+        if columns:
+            return np.stack(columns, axis=1)
+        return np.zeros((len(time), 0))
 
     @property
     def motion_kinds(self) -> tuple[str, ...]:
@@ -145,7 +150,10 @@ def _nodal_conditions(
             continue
         face = split_face(boundary.face)[1]
         # a support holds edges and points, too; everything else needs facets
-        nodes = body.nodes_of(face) if isinstance(boundary, Fixed) else body.face(face).nodes
+        if isinstance(boundary, Fixed):
+            nodes = body.nodes_of(face)
+        else:
+            nodes = body.face(face).nodes
         inclined = None
         if not _along_axes(boundary, body):
             inclined = inclined_directions(body, boundary)
@@ -182,7 +190,9 @@ def _along_axes(boundary: Boundary, body: Body) -> bool:
 
 def _speed(boundary: Driven, velocity: float) -> float:
     """Velocity with which a face driven by an acceleration starts: that of its body along the motion, m s-1."""
-    return velocity if boundary.type == "acceleration" else 0.0
+    if boundary.type == "acceleration":
+        return velocity
+    return 0.0
 
 
 def _incline(
@@ -316,7 +326,9 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
 def total(*matrices: sp.csr_array | None) -> sp.csr_array | None:
     """Sum of the matrices that are given, None where there are none."""
     given = [m for m in matrices if m is not None]
-    return sp.csr_array(sum(given[1:], given[0])) if given else None
+    if given:
+        return sp.csr_array(sum(given[1:], given[0]))
+    return None
 
 
 @dataclass(frozen=True)
@@ -353,7 +365,9 @@ def conditions_on(
     nodal = _nodal_conditions(body, boundaries, problems, ports, explicit)
     if body.rigid:
         return _rigid_conditions(body, nodal, boundaries, problems)
-    return _with_rigid_faces(body, nodal, problems) if body.rigid_faces else nodal
+    if body.rigid_faces:
+        return _with_rigid_faces(body, nodal, problems)
+    return nodal
 
 
 def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Conditions:
@@ -413,7 +427,10 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
         rows = np.concatenate([rows, nodal.turned[0] @ rigid.modes])
         values = np.concatenate([values, nodal.turned[1]])
     # least squares, as faces hold more dofs than a body has; what is left over is what a rigid body cannot do
-    motions = la.lstsq(rows, values)[0] if values.size else np.zeros((6, len(nodal.motions)))
+    if values.size:
+        motions = la.lstsq(rows, values)[0]
+    else:
+        motions = np.zeros((6, len(nodal.motions)))
     if values.size and np.abs(rows @ motions - values).max() > _ROUND_OFF:
         problems.add(
             f"substructure.{body.name}.rigid",

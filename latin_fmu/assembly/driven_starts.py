@@ -69,7 +69,10 @@ def check_driven_starts(
 def _check_places(body: Body, supports: Conditions, time: Array, settles: bool, problems: Problems) -> None:
     """Displacements at t = 0; ``settles`` : they are added to an equilibrium that has those of prescribed motions."""
     initial = body.initial_displacement()
-    start = np.zeros(len(supports.motions)) if settles else supports.start()
+    if settles:
+        start = np.zeros(len(supports.motions))
+    else:
+        start = supports.start()
     rest = np.abs(_rest(body, supports, initial, start, velocity=False))
     paths = [m.value * m.law.sample(time) for m in supports.motions if m.kind == "displacement"]
     level = _OFFSET * max(float(np.abs(x).max()) for x in (initial, *paths))
@@ -179,14 +182,18 @@ def start_velocities(supports: Conditions, initial: Array, time: Array) -> Array
 
 def _shapes(supports: Conditions) -> Array:
     """Displacements of the nodes (3 n_node, n_motion) for unit values of the prescribed motions."""
-    return np.asarray(supports.nodal @ supports.pattern) if isinstance(supports, RigidConditions) else supports.pattern
+    if isinstance(supports, RigidConditions):
+        return np.asarray(supports.nodal @ supports.pattern)
+    return supports.pattern
 
 
 def _mean(supports: Conditions, k: int, initial: Array) -> float:
     """Velocity of a body along the motion k of its conditions."""
     shape = _shapes(supports)[:, k]
     square = float(shape @ shape)
-    return float(shape @ initial) / square if square > 0.0 else 0.0
+    if square > 0.0:
+        return float(shape @ initial) / square
+    return 0.0
 
 
 def _rest(body: Body, supports: Conditions, values: Array, driven: Array, velocity: bool) -> Array:

@@ -88,13 +88,18 @@ def by_mortar(
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
     covered = [s for s in (finer, 1 - finer) if pair.covered(s)]
-    side = covered[0] if covered else finer
+    if covered:
+        side = covered[0]
+    else:
+        side = finer
     alone = [pair.held_alone(s) for s in (0, 1)]
     if alone[side] > alone[1 - side]:
         return pair.from_side(1 - side)
     made = pair.from_side(side)
     tied = preferred is None and len(covered) != 1 and alone[0] == alone[1]
-    return made if made is None else replace(made, alike=tied)
+    if made is None:
+        return made
+    return replace(made, alike=tied)
 
 
 def _preferred(sides: tuple[Side, Side], surfaces: tuple[Surface, ...]) -> int | None:
@@ -153,7 +158,10 @@ class _MortarPair:
             return None
         mine, theirs = self.surfaces[side].nodes, self.surfaces[1 - side].nodes
         points = part.owner @ mine
-        normals = part.normals if side == 0 else -part.normals
+        if side == 0:
+            normals = part.normals
+        else:
+            normals = -part.normals
         jump = (part.other @ theirs - points) * (1 if side == 0 else -1)  # from E to E', as N
         _, removed = self._directions(side)
         traces = [_without(_of_vectors(t), removed) for t in (part.owner, part.other)]
@@ -194,7 +202,10 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     facing_set = FacetSet(tuple(blocks))
     face = face_of(body.mesh.nodes, facing_set)
     points, trace = own_points(body, facing_set, face)
-    vector = face.vector_areas if face.change is None else face.change.T @ face.vector_areas
+    if face.change is None:
+        vector = face.vector_areas
+    else:
+        vector = face.change.T @ face.vector_areas
     # from E to E': the plane has its normal out of the ground
     normals = np.tile(-normal, (len(points), 1))
     return FacePair(
@@ -229,9 +240,10 @@ def _held_directions(
     still = _null_projectors(free)
     both = np.zeros_like(still)
     rows = np.flatnonzero(still.any(axis=(1, 2)))
-    edges = (
-        _edges(other.facets, np.asarray(other_held.any(axis=(1, 2)))) if len(rows) else np.zeros((0, 2), dtype=np.int64)
-    )
+    if len(rows):
+        edges = _edges(other.facets, np.asarray(other_held.any(axis=(1, 2))))
+    else:
+        edges = np.zeros((0, 2), dtype=np.int64)
     if not len(edges):
         return still, both
     on = _on_edges(points[rows], normals[rows], other.nodes[edges])
@@ -318,7 +330,8 @@ def node_by_node(first: Side, second: Side) -> FacePair | None:
         _, other_trace = own_points(other_body, other_facets, other)
         other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
         # points in the middle of edges are no nodes: their values from those of the nodes
-        distance = distance if face.change is None else nodal_values(facets, face.nodes) @ distance
+        if face.change is not None:
+            distance = nodal_values(facets, face.nodes) @ distance
     return FacePair(points, areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
 
 
@@ -347,4 +360,6 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
     if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
         return None
     opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
-    return partner if opposed.all() else None
+    if opposed.all():
+        return partner
+    return None

@@ -73,7 +73,9 @@ def arrival_times(
 def marched_share(arrival: float, time: Array) -> float:
     """Predicted share of the instants ``time`` (n_time,), s, at which a body reached at ``arrival`` is marched."""
     start = min(arrival * (1 - SHARE), float(time[-1])) - STEPS * float(time[1] - time[0])
-    return float(np.clip(1 - start / time[-1], 0.0, 1.0)) if arrival * (1 - SHARE) < time[-1] else 0.0
+    if arrival * (1 - SHARE) < time[-1]:
+        return float(np.clip(1 - start / time[-1], 0.0, 1.0))
+    return 0.0
 
 
 def _inside(scene: Scene, name: str, time: Array) -> float:
@@ -115,7 +117,9 @@ def _onset(law: TimeLaw, time: Array) -> float:
         return 0.0
     # linear between instants: it begins to act behind the last zero
     acting = np.flatnonzero(law.sample(time))
-    return float(time[max(int(acting[0]) - 1, 0)]) if acting.size else np.inf
+    if acting.size:
+        return float(time[max(int(acting[0]) - 1, 0)])
+    return np.inf
 
 
 def _transit(body: Body, first: str, second: str) -> float:

@@ -96,8 +96,14 @@ def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[
         if isinstance(held, RigidConditions):
             continue
         # how far each dof moves with the driven faces
-        moved = np.zeros(body.full_size()) if held.pattern.size == 0 else np.abs(held.pattern).sum(axis=1)
-        start = held.pattern @ held.start() if held.pattern.size else np.zeros(body.full_size())
+        if held.pattern.size == 0:
+            moved = np.zeros(body.full_size())
+        else:
+            moved = np.abs(held.pattern).sum(axis=1)
+        if held.pattern.size:
+            start = held.pattern @ held.start()
+        else:
+            start = np.zeros(body.full_size())
         for kind, own, whole, given, counts in (
             ("displacement", body.displacement_field, body.initial_displacement, start, np.ones(len(moved), bool)),
             # velocities of driven dofs are those of the motion, and are not compared
@@ -168,7 +174,10 @@ def initial_problems(
         gap = unit.geometry.gap + np.einsum("pi,pi->p", unit.geometry.frames[:, 0], jump)
         size = float(np.ptp(unit.geometry.points, axis=0).max())
         # an overlap of the meshes is that of a press fit, which a static start closes
-        deeper = gap if not fits([unit]) or not static else gap - np.minimum(unit.geometry.gap, 0.0)
+        if not fits([unit]) or not static:
+            deeper = gap
+        else:
+            deeper = gap - np.minimum(unit.geometry.gap, 0.0)
         if deeper.min() < -1e-9 * max(size, float(np.abs(jump).max())):
             problems.add(
                 where,
@@ -217,7 +226,8 @@ def _velocities_differ(scene: Scene, unit: InterfaceUnit, bodies: Mapping[str, B
             body = bodies[split_face(face)[0]]
             own = np.asarray(trace @ body.initial_velocity()).reshape(-1, 3)
             # meshes that do not match interpolate linear motions exactly
-            tears = tears if body.description.initial_velocity_field is None else _TEARS
+            if body.description.initial_velocity_field is not None:
+                tears = _TEARS
         level = max(level, float(np.abs(own).max(initial=0.0)))
         # E' less E
         jump += (2 * side - 1) * own

@@ -52,7 +52,8 @@ def completed(scene: Scene) -> Scene:
     whole = scene
     if not problems:
         whole, bodies, _ = with_threads(scene, bodies, problems)
-    whole = whole if problems else with_found(whole, bodies, problems)
+    if not problems:
+        whole = with_found(whole, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     return whole
@@ -102,7 +103,10 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             elif remarks is not None and _meet(one, other, table.search):
                 edges.append(f"{first} and {second}")
     if remarks is not None and edges:
-        more = f", {len(edges) - _NAMED} more pairs" if len(edges) > _NAMED else ""
+        if len(edges) > _NAMED:
+            more = f", {len(edges) - _NAMED} more pairs"
+        else:
+            more = ""
         text = "within search at an edge or a point only: no interface is made, so that they can move into each other"
         remedy = "give them faces that are opposite each other, or except them"
         remarks.append(Remark("edge", f"{', '.join(edges[:_NAMED])}{more} meet {text}; {remedy}"))
@@ -171,7 +175,9 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
         middles = middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]
         for middle in middles[inside(body.mesh, middles)]:
             deepest = max(deepest, nearest_surface_point(other, middle)[0])
-    return deepest if deepest > search else 0.0
+    if deepest > search:
+        return deepest
+    return 0.0
 
 
 def _meet(first: Surface, second: Surface, search: float) -> bool:
@@ -416,7 +422,10 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     if alike.mean() > 0.5:
         return Problem(where, "the two faces are not turned towards each other", sides)
     length = first[0].units["m"]
-    within = "" if interface.search is None else f" within {interface.search:g} {length}"
+    if interface.search is None:
+        within = ""
+    else:
+        within = f" within {interface.search:g} {length}"
     return Problem(
         where,
         f"the two faces have no part in common{within}",
@@ -427,7 +436,10 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
 
 def _formed(name: str, form: FaceForm, pair: FacePair, gap: Array, length: str, problems: Problems) -> Array | None:
     """The gap (n_point,) with the form of the faces added; None where a table does not reach all points."""
-    centre = pair.areas @ pair.points / pair.areas.sum() if form.centre is None else np.asarray(form.centre)
+    if form.centre is None:
+        centre = pair.areas @ pair.points / pair.areas.sum()
+    else:
+        centre = np.asarray(form.centre)
     # not of length 1 on a curved face: divided by below
     mean = pair.areas @ pair.normals
     out = max((abs(float(d @ mean)) for d in form.directions), default=0.0) / float(np.linalg.norm(mean))
@@ -464,7 +476,10 @@ def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) 
     if any(sag.any() for body, facets in sides for sag in Surface(body.mesh.nodes, facets).sags):
         return []
     many = int(nearest_ones.sum())
-    where = "at one point" if many == 1 else f"along an edge ({many} points)"
+    if many == 1:
+        where = "at one point"
+    else:
+        where = f"along an edge ({many} points)"
     return [
         f"interface {name}: its faces touch only {where}, of {len(gap)} points: the pressure there has no limit under "
         "refinement of the mesh, forces and impulses have; round the edge, or turn a face if they should be parallel"

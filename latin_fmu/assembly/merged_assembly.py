@@ -221,7 +221,10 @@ def jump(
     for number, (trace, side) in enumerate(zip(traces, unit.sides, strict=True)):
         if trace is not None:
             # the owner is positive: its entries are the pivots of a bond (``tied``)
-            sign = 1.0 if number == unit.geometry.owner else -1.0
+            if number == unit.geometry.owner:
+                sign = 1.0
+            else:
+                sign = -1.0
             total = total + sign * placed(trace, where[split_face(side)[0]].start, n)
     return sp.csr_array(total)
 
@@ -390,4 +393,6 @@ def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, 
 
 def _speed(model: SubstructureModel) -> Array:
     """Velocities of the accelerated motions of a body at t = 0, (n_motion,), m s-1."""
-    return np.zeros(len(model.imposed_start)) if model.imposed_speed is None else model.imposed_speed
+    if model.imposed_speed is None:
+        return np.zeros(len(model.imposed_start))
+    return model.imposed_speed

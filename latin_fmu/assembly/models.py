@@ -88,7 +88,9 @@ class KeptOperators:
         """Propagator with the operators of a model, made with the same scheme, step and choices; None where there is
         none."""
         known = self._like(model) if self.propagators and made_with == self.made_with else None
-        return None if known is None else self.propagators[known]
+        if known is None:
+            return None
+        return self.propagators[known]
 
     def replace(
         self, models: Sequence[SubstructureModel], propagators: Sequence[Propagator], made_with: tuple[Any, ...]
@@ -171,7 +173,9 @@ class ModelClass:
 def store_of(scene: Scene) -> OperatorStore:
     """Where the operators of a scene are looked for, and kept."""
     table = scene.solver.operators
-    return NO_STORE if table is None else store_at((scene.base_dir / table.folder).absolute(), 1e9 * table.limit)
+    if table is None:
+        return NO_STORE
+    return store_at((scene.base_dir / table.folder).absolute(), 1e9 * table.limit)
 
 
 def contact_layers(
@@ -278,7 +282,10 @@ def _suited_scheme(scene: Scene, bodies: Mapping[str, Body], units: list[Interfa
     """The automatic choice, and why."""
     opening = _opening(units)
     landing = [u for u in opening if _lands(bodies, u)]
-    front = "" if landing or not opening else _front(scene, bodies, opening)
+    if landing or not opening:
+        front = ""
+    else:
+        front = _front(scene, bodies, opening)
     if not landing and not front:
         return HHT(), "no body lands: no gap at a face that may open, no sides that approach each other, no front"
     if obstacle := _obstacle(scene, bodies, units)[0]:
@@ -311,7 +318,9 @@ def _remedy(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit]
         return f'choose time.scheme = "{_suited_scheme(scene, bodies, units)[0].name}"'
     first = _obstacle(scene, bodies, units)[1]
     chosen = 'choose time.scheme = "generalized_alpha" (--set time.scheme=generalized_alpha)'
-    return f"{first}, and then {chosen}" if first else chosen
+    if first:
+        return f"{first}, and then {chosen}"
+    return chosen
 
 
 def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit]) -> str:
@@ -379,7 +388,10 @@ def scheme_remarks(
         return fit({}, landing)
     courant, remarks = {}, []
     for name, body in bodies.items():
-        nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)
+        if body.rigid:
+            nodes = np.zeros(0, dtype=np.int64)
+        else:
+            nodes = _contact_nodes(name, units)
         if not len(nodes):
             continue
         crossing, share = layer_of(body.shape.mesh, nodes, body.shape.fast_elasticity)
@@ -555,7 +567,9 @@ class BodyVolume:
         if layer is not None:
             return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
         own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
-        return own if body.added is None else np.asarray(own + body.added.matrix @ everywhere)
+        if body.added is None:
+            return own
+        return np.asarray(own + body.added.matrix @ everywhere)
 
     def expansion(self, change: float) -> Array:
         """Nodal forces (3 n_node,) that strain the free body by a change of temperature, K; N."""

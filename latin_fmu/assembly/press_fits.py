@@ -39,7 +39,10 @@ def interference(unit: InterfaceUnit) -> Array:
     if not unit.behaviour.opens or unit.attached:
         return np.zeros(len(gap))
     stiffness = float(getattr(unit.behaviour, "normal_stiffness", 0.0) or 0.0)
-    compressed = unit.preload / stiffness if unit.behaviour.elastic and stiffness > 0.0 else 0.0
+    if unit.behaviour.elastic and stiffness > 0.0:
+        compressed = unit.preload / stiffness
+    else:
+        compressed = 0.0
     depth = np.maximum(0.0, -(gap + compressed))
     least = _ROUND_OFF * float(np.ptp(unit.geometry.points, axis=0).max(initial=0.0))
     return np.where(depth > least, depth, 0.0)
@@ -94,7 +97,8 @@ def fit_pressures(units: list[InterfaceUnit], approach: Mapping[str, float]) -> 
         unit = next(u for u in units if u.name == name)
         stiffness = float(getattr(unit.behaviour, "normal_stiffness", 0.0) or 0.0)
         softness = approach[name] + (1.0 / stiffness if stiffness > 0.0 else 0.0)
-        made += [depth / softness] if softness > 0.0 else []
+        if softness > 0.0:
+            made += [depth / softness]
     return made
 
 

@@ -80,7 +80,8 @@ def _reduced(
 ) -> Propagator:
     if members[0].nodal is not None:  # a rigid body has nothing to reduce
         return DirectPropagator(members, scheme, dt, True)
-    twin = twin if isinstance(twin, ReducedPropagator) else None
+    if not isinstance(twin, ReducedPropagator):
+        twin = None
     return ReducedPropagator(members, scheme, dt, True, settings.modes, twin)
 
 
@@ -168,7 +169,10 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         pattern = shared_analysis(Pattern(stiffness, last, rank))
         factor, multiplications = float(pattern.panel_start[-1]), flops(pattern)
     sizes = n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping
-    modal = 0 if model.modal_rows is None else len(model.modal_rows)
+    if model.modal_rows is None:
+        modal = 0
+    else:
+        modal = len(model.modal_rows)
     # a product by substitution reads the face forward and backward
     return ClassSize(*sizes, factor, multiplications, swept, 2.0 * swept, modal=modal)
 
@@ -193,7 +197,8 @@ def divided(
             picked = np.flatnonzero(own == rank)
             twin = None if c.twin is None else first[c.twin]
             # parts of one class share the operators of its first part
-            twin = first[-1] if len(parts) > first[-1] else twin
+            if len(parts) > first[-1]:
+                twin = first[-1]
             parts.append(replace(c, members=[c.members[m] for m in picked], channels=c.channels[:, picked], twin=twin))
             owner.append(int(rank))
             part_of.append(number)
@@ -247,7 +252,9 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
     needed = sum(
         operator_bytes(class_size(c.members[0], len(c.members), settings.interfaces), settings) for c in classes
     )
-    return replace(settings, kind="cg") if needed > room else settings
+    if needed > room:
+        return replace(settings, kind="cg")
+    return settings
 
 
 def made_propagators(
@@ -284,7 +291,8 @@ def made_propagators(
             return one
         own = springs[c.channels[:, 0]]
         known = twin.shared(own) if isinstance(twin, StaticPropagator) else None
-        known = known if statics is None else statics.setdefault(c.key, [])
+        if statics is not None:
+            known = statics.setdefault(c.key, [])
         members = in_form(c.members, interfaces_of(scene))
         return StaticPropagator(members, dt, scene.output.energy, own, known)
 

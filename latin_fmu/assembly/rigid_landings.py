@@ -50,7 +50,10 @@ def rigid_landings(scene: Scene, bodies: Mapping[str, Body], units: Sequence[Int
         gap = float(unit.geometry.gap.min(initial=np.inf))
         if gap <= 1e-9 * size and not approaches(bodies, unit):
             continue
-        how = f"a gap of {gap:.6g} {scene.unit_system['m']}" if gap > 1e-9 * size else "sides that approach each other"
+        if gap > 1e-9 * size:
+            how = f"a gap of {gap:.6g} {scene.unit_system['m']}"
+        else:
+            how = "sides that approach each other"
         yield Problem(
             f"interface.{unit.name}",
             f"{' and '.join(unit.sides)} are rigid and impact, and nothing says how they rebound: this would "

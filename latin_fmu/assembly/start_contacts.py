@@ -48,7 +48,10 @@ def start_gap(unit: InterfaceUnit, models: Mapping[str, SubstructureModel], disp
         if face == GROUND or trace is None or name not in displacement:
             continue
         nodal = models[name].nodal
-        moved = displacement[name] if nodal is None else nodal @ displacement[name]
+        if nodal is None:
+            moved = displacement[name]
+        else:
+            moved = nodal @ displacement[name]
         along = np.einsum("pi,pi->p", unit.geometry.frames[:, 0], (trace @ moved).reshape(-1, 3))
         # N points from E to E'
         opened += (2 * side - 1) * along
@@ -100,7 +103,10 @@ def scheme_remarks_at_start(
     for name, contact in lifted(contacts).items():
         if name in unforeseen:
             least, most = (readable(float(f(contact.gap)), units.label("m"), 3) for f in (np.min, np.max))
-            size = most if least == most else f"{least} to {most}"
+            if least == most:
+                size = most
+            else:
+                size = f"{least} to {most}"
             yield (
                 f"interface {name} is closed as it is meshed, and open by {size} in the equilibrium of the start, so "
                 f"that it lands in the motion: {unforeseen[name]}"

@@ -97,11 +97,15 @@ class PrescribedMotion:
 
     def start(self) -> float:
         """Displacement at t = 0, m."""
-        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
+        if self.kind == "displacement":
+            return self.value * float(self.law.sample(np.zeros(1))[0])
+        return 0.0
 
     def start_velocity(self) -> float:
         """Velocity at t = 0 that the condition gives, m s-1; 0 of displacements, whose path may have a corner there."""
-        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "velocity" else self.speed
+        if self.kind == "velocity":
+            return self.value * float(self.law.sample(np.zeros(1))[0])
+        return self.speed
 
     def largest_speed(self, time: Array) -> float:
         """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the
@@ -172,7 +176,10 @@ class Directions:
         for node, rows in self.rows.items():
             # nodes with equal conditions are solved once
             key = np.concatenate([np.append(d, m) for d, m, _ in rows]).tobytes()
-            solution = known[key] if key in known else known.setdefault(key, _solved(rows, n_motion))
+            if key in known:
+                solution = known[key]
+            else:
+                solution = known.setdefault(key, _solved(rows, n_motion))
             if solution is None:
                 problems.add(
                     f"boundary.{[name for _, _, name in rows if name][-1]}",
@@ -287,7 +294,10 @@ def shared_out(held: Sequence[tuple[Index, Array]], n_full: int) -> list[sp.csr_
 def held_directions(name: str, boundary: Fixed | Driven | Symmetry, body: Body) -> tuple[Index, Array]:
     """Nodes (n,) and unit directions (n_direction, 3) that a condition holds or drives."""
     face = split_face(boundary.face)[1]
-    nodes = body.nodes_of(face) if isinstance(boundary, Fixed) else body.face(face).nodes
+    if isinstance(boundary, Fixed):
+        nodes = body.nodes_of(face)
+    else:
+        nodes = body.face(face).nodes
     if np.isin(nodes, body.rigid_nodes).any():
         what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
         problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
@@ -337,7 +347,9 @@ _MOVES = 1e-9  # of the size of a face: a node displaced less by a rotation does
 
 def port_key(name: str, turned: bool = False) -> str:
     """Name of the measured motion, or reaction, of a port: its translation (force), or its rotation (moment)."""
-    return f"port.{name}.rotation" if turned else f"port.{name}"
+    if turned:
+        return f"port.{name}.rotation"
+    return f"port.{name}"
 
 
 def port_places(scene: Scene, bodies: Mapping[str, Body]) -> dict[str, SensorPlace]:
@@ -397,7 +409,9 @@ def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: P
         row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
         # Z times the mean motion, spread as that is measured: r^T Z r
         full = sp.csr_array(full + impedance * (row.T @ row))
-    return diagonal_matrix(shares.ravel()) if diagonal else full
+    if diagonal:
+        return diagonal_matrix(shares.ravel())
+    return full
 
 
 # -- moved faces ------------------------------------------------------------------------------------------------------

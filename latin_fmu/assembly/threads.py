@@ -153,7 +153,8 @@ class BoundaryFacets:
             shift = np.linalg.lstsq(across, target, rcond=1e-6)[0]
             line = ShankLine(axis, line.point + shift)
             rounds = self.round_ones(line, outwards=True)[0]
-            faces = rounds if rounds.any() else faces
+            if rounds.any():
+                faces = rounds
         return line
 
 
@@ -203,7 +204,9 @@ def _shank(skin: BoundaryFacets, line: ShankLine, diameter: float | None) -> _Cy
             lengths[float(radius)] = float(high[near].max() - low[near].min()) if near.any() else 0.0
         diameter = 2.0 * max(lengths, key=lambda radius: lengths[radius])
     faces = faces & _fitting(radii, diameter)
-    return _Cylinder(skin, faces, line) if faces.any() else None
+    if faces.any():
+        return _Cylinder(skin, faces, line)
+    return None
 
 
 # -- engagement -------------------------------------------------------------------------------------------------------
@@ -235,7 +238,9 @@ class Engagement:
 
     def reached(self, length: float | None) -> float:
         """Length that is bonded, m, from the mouth, where ``length`` is asked for: the overlap at most."""
-        return self.overlap if length is None else min(length, self.overlap)
+        if length is None:
+            return self.overlap
+        return min(length, self.overlap)
 
     def bonded(self, cylinder: _Cylinder, length: float | None) -> FacetSet:
         """The facets of shank or hole that are bonded; they end at the length, m, from the mouth."""
@@ -276,7 +281,10 @@ class _Screw:
         shank = _shank(BoundaryFacets(self.body), self.line, nominal)
         where = f"bolt.{self.name}.thread"
         if shank is None:
-            wanted = "" if nominal is None else f" of a diameter of {FITS[0] * nominal:.4g} to {FITS[1] * nominal:.4g}"
+            if nominal is None:
+                wanted = ""
+            else:
+                wanted = f" of a diameter of {FITS[0] * nominal:.4g} to {FITS[1] * nominal:.4g}"
             self.problems.add(
                 where,
                 f"{self.body.name} has no round faces{wanted} about its axis",
@@ -285,7 +293,10 @@ class _Screw:
                 "check the size of the thread, the axis, and the scale of the mesh",
             )
             return {}
-        diameter = 2.0 * shank.radius if nominal is None else nominal
+        if nominal is None:
+            diameter = 2.0 * shank.radius
+        else:
+            diameter = nominal
         found: dict[str, Engagement] = {}
         seen: list[str] = []
         for name, body in self.bodies.items():
@@ -350,7 +361,10 @@ class _Screw:
         """Moduli (n_cell,) of the screw over that of its material, None where all are 1; and what is said of them."""
         named, units = self.thread.named, self.scene.unit_system
         if named is None or self.thread.modulus == "drawn":
-            why = "the thread has no size" if named is None else "as asked"
+            if named is None:
+                why = "the thread has no size"
+            else:
+                why = "as asked"
             return None, f"modulus of the free shank as drawn ({why})"
         radius = engagements[0].shank.radius
         core = 0.5e-3 * named.core_diameter / units.size("m")
@@ -499,7 +513,10 @@ def _words(screw: _Screw, found: Mapping[str, Engagement], said: str) -> tuple[s
                 f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {wanted:.4g}: "
                 f"shank and hole of {part} overlap over {reached:.4g} {unit}"
             )
-    free = "the free shank has no contact" if screw.bolt.shank == "free" else "the free shank is in contact"
+    if screw.bolt.shank == "free":
+        free = "the free shank has no contact"
+    else:
+        free = "the free shank is in contact"
     free += ' (shank = "contact" gives it one)' if screw.bolt.shank == "free" else " but for a belt around the cut"
     return f"thread bonded to {' and '.join(bonds)}; {free}; {said}", warnings
 

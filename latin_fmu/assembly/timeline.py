@@ -59,7 +59,8 @@ class Timeline:
         time : (n_time,), s. given : histories (n_time,) from outside by name. ground_start : see ``Assembly.begin``.
         dt : step of the operators, s; that of ``time`` where None (they may differ by round-off).
         """
-        dt = float(time[1] - time[0]) if dt is None else dt
+        if dt is None:
+            dt = float(time[1] - time[0])
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
         assembly.begin(time, dt, self.ground(assembly.interfaces, time, given), ground_start)
@@ -84,7 +85,9 @@ class Timeline:
                 q = self._elongation[name]
                 ramp = ramp - np.interp(time, np.linspace(0.0, self._scene.time.end, len(q)), q)
             return ramp
-        return given[name] if name in given else sampled(self._laws[name], time)
+        if name in given:
+            return given[name]
+        return sampled(self._laws[name], time)
 
     def ground(
         self, interfaces: Sequence[InterfaceUnit], time: Array, given: Mapping[str, Array] = NO_ELONGATION

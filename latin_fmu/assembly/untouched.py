@@ -220,7 +220,10 @@ class _Way:
         moved = any(i.ground_velocity is not None or i.initial_pressure(1.0) for i in scene.interface.values())
         turned = any(load.turns() for load in scene.loads.values())
         # what has no impulse of its own: as if the largest traction acted from start to end
-        self._any = traction * self._end if driven or pushed or moved or turned or scene.port else 0.0
+        if driven or pushed or moved or turned or scene.port:
+            self._any = traction * self._end
+        else:
+            self._any = 0.0
         self._softest = max((1.0 / b.shape.impedances[0] for b in bodies.values() if not b.rigid), default=0.0)
         self._lightest = max(1.0 / (b.shape.material.density * b.mesh.size) for b in bodies.values())
 

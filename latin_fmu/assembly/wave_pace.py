@@ -78,7 +78,9 @@ def _begins_suddenly(scene: Scene, time: Array) -> bool:
 def _pace(amplitude: Array, time: Array) -> float:
     """Time in which a sampled law changes by its largest value, s."""
     steepest = float(np.abs(np.diff(amplitude) / np.diff(time)).max(initial=0.0))
-    return float("inf") if steepest == 0.0 else float(np.abs(amplitude).max()) / steepest
+    if steepest == 0.0:
+        return float("inf")
+    return float(np.abs(amplitude).max()) / steepest
 
 
 def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
@@ -91,9 +93,14 @@ def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
         reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
     found, remedies = [], []
     for reason, at in reasons.items():
-        more = f" and {len(at) - _NAMED} more sides" if len(at) > _NAMED else ""
+        if len(at) > _NAMED:
+            more = f" and {len(at) - _NAMED} more sides"
+        else:
+            more = ""
         found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
         remedies.append(_REFINE if reason.startswith("the mesh") else "take smaller steps")
     what = "contacts shorter than the travel time of a wave through a few elements are not resolved; if they matter,"
     text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
-    return [Remark("resolution", text)] if found else []
+    if found:
+        return [Remark("resolution", text)]
+    return []

@@ -47,7 +47,10 @@ class TensionLoss:
 
     def of(self, q: Array) -> Array:
         """Loss (n_time,), N, by q (n_time,), m."""
-        past = np.convolve(self.memory, q)[: len(q) - 1] if len(self.memory) else np.zeros(len(q) - 1)
+        if len(self.memory):
+            past = np.convolve(self.memory, q)[: len(q) - 1]
+        else:
+            past = np.zeros(len(q) - 1)
         return np.asarray(self.kappa * q + np.concatenate([[0.0], past]))
 
     def elongation(self, trial: Array, yield_force: float, hardening: float) -> Array:
@@ -145,7 +148,9 @@ class Yielding:
         parts = [
             f"{name} by {q[-1]:.4g} {self._units['m']}" for name, q in self.elongation.items() if np.abs(q).max() > 0.0
         ]
-        return {"bolts that yield": f"{', '.join(parts)}; {self._runs} runs"} if parts else {}
+        if parts:
+            return {"bolts that yield": f"{', '.join(parts)}; {self._runs} runs"}
+        return {}
 
     def faults(self) -> tuple[str, ...]:
         """Why the end of the last run is not trustworthy: the elongations still changed in it."""

@@ -200,7 +200,8 @@ def read_measured(paths: Sequence[str | Path], scene: Scene) -> list[MeasuredTab
         problems += [*reader.problems[:_MOST_SAID]]
         if (more := len(reader.problems) - _MOST_SAID) > 0:
             problems.add(str(path), f"and {more} more problems")
-        made += [] if table is None else [table]
+        if table is not None:
+            made += [table]
     if not paths:
         problems.add("DATA", "no data", remedy="name a file of measured data")
     if problems:
@@ -295,11 +296,17 @@ class _Reader:
                 return None
             return "", name, None
         parts = name.split(".")
-        quantity = parts[1] if len(parts) in (2, 3) else ""
+        if len(parts) in (2, 3):
+            quantity = parts[1]
+        else:
+            quantity = ""
         quantities = [q for q, of in MEASURABLE.items() if of.owner and (q == "srs") == (kind == "spectrum")]
         axes = [] if quantity in _SCALARS else list(AXES)
         if quantity not in quantities or len(parts) != 2 + bool(axes) or (axes and parts[2] not in axes):
-            form = "SENSOR.srs.x" if kind == "spectrum" else "SENSOR.acceleration.x, INTERFACE.force.z, BOLT.tension"
+            if kind == "spectrum":
+                form = "SENSOR.srs.x"
+            else:
+                form = "SENSOR.acceleration.x, INTERFACE.force.z, BOLT.tension"
             allowed = f"{form}; quantities: {', '.join(quantities)}"
             self._say("no such column", self._header_line, value=name, allowed=allowed)
             return None

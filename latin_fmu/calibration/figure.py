@@ -53,7 +53,10 @@ def _draw(fit: ColumnFit, made: Calibration, above: Axes, below: Axes) -> None:
     bars = None if fit.column.sd is None else fit.column.sd / y
     above.errorbar(along, data / y, bars, fmt=".", color="0.3", label="data")
     for predicted, colour, label in ((fit.before, DISTINCT[1], "before"), (fit.after, DISTINCT[0], "after")):
-        style = "--" if label == "before" else "-"
+        if label == "before":
+            style = "--"
+        else:
+            style = "-"
         above.plot(along, predicted / y, style, color=colour, label=label, marker="." if len(along) < 15 else None)
         below.plot(along, (data - predicted) / y, ".", color=colour)
     below.axhline(0.0, color="0.4", linewidth=0.8)

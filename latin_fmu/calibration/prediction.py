@@ -76,7 +76,10 @@ class Predictor:
         self._kept = KeptOperators()
         self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)
         static = sorted({table.kind for table in tables} - {"history", "spectrum"})
-        self.reason = f"there are none of {' and '.join(static)}" if static else ""
+        if static:
+            self.reason = f"there are none of {' and '.join(static)}"
+        else:
+            self.reason = ""
 
     @property
     def exact(self) -> bool:
@@ -154,7 +157,10 @@ class Predictor:
         if table.kind == "backbone":
             ends = table.along[0], table.along[-1]
             # each costs a loop of static solutions; between them the curve is smooth
-            levels = np.geomspace(*ends, LEVELS) if len(table.along) > LEVELS else np.unique(table.along)
+            if len(table.along) > LEVELS:
+                levels = np.geomspace(*ends, LEVELS)
+            else:
+                levels = np.unique(table.along)
             curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments, within=np.inf)
             places, known = np.log(table.along), np.log(curve.amplitude)
             return {key: _linear(places, known, getattr(curve, key)) for key in ("frequency", "damping")}
@@ -166,7 +172,9 @@ class Predictor:
         if isinstance(history, BoltHistory):
             return history.force
         if isinstance(history, InterfaceHistory):
-            return history.normal_resultant() if column.axis is None else history.force()[:, column.axis]
+            if column.axis is None:
+                return history.normal_resultant()
+            return history.force()[:, column.axis]
         motion = getattr(history, column.of.motion)
         if motion is None:
             raise InputError.of(HEADING, f"sensor.{column.owner}", f"it has no acceleration ({history.remark})")
@@ -193,7 +201,10 @@ class Predictor:
     def _spectrum(self, table: MeasuredTable, column: Column, motion: Array, solution: Solution) -> ShockSpectrum:
         """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
-        quality = 10.0 if request is None else request.quality
+        if request is None:
+            quality = 10.0
+        else:
+            quality = request.quality
         return shock_response_spectrum(motion, uniform_step(solution.time), table.along, quality, interpolation=LINES)
 
     def _slopes(self, table: MeasuredTable, column: Column, solution: Solution) -> Array:

@@ -111,7 +111,9 @@ class ColumnFit:
     def floor(self) -> float:
         """Error of the run in the unit of the column, 0 where none is known."""
         size = float(np.sqrt(np.mean(self.after**2)) if self.of_rms else np.abs(self.after).max())
-        return self.error * size if math.isfinite(self.error) else 0.0
+        if math.isfinite(self.error):
+            return self.error * size
+        return 0.0
 
     def rms(self, predicted: Array) -> float:
         """Root mean square of the residuals."""
@@ -152,12 +154,16 @@ class Calibration:
         of them, else the effective scene."""
         numbers = {name: float(f"{p.value:.6g}") for p in self.parameters for name in p.of.names}
         made = None if source is None else text_with_numbers(source, numbers, NAMED)
-        return self.scene.text() if made is None else made
+        if made is None:
+            return self.scene.text()
+        return made
 
     @property
     def status(self) -> str:
         """How the fit ended."""
-        return "converged" if self.converged else "not converged within the runs allowed (--max-runs)"
+        if self.converged:
+            return "converged"
+        return "not converged within the runs allowed (--max-runs)"
 
     def lines(self) -> list[str]:
         """Text: values, combinations that are not determined, residuals, remarks."""
@@ -169,15 +175,24 @@ class Calibration:
         for p in self.parameters:
             unit, ends = units.shown(p.of.unit()), (p.value - p.half, p.value + p.half)
             known, shift = math.isfinite(p.half) and p.value != 0.0, readable(p.shift, unit, 2) if p.shift else "-"
-            between = f"at its {p.bound} bound" if p.bound else " to ".join(readable(e, unit) for e in ends)
-            much = f"{100 * p.half / abs(p.value):.2g} %" if known else "-"
+            if p.bound:
+                between = f"at its {p.bound} bound"
+            else:
+                between = " to ".join(readable(e, unit) for e in ends)
+            if known:
+                much = f"{100 * p.half / abs(p.value):.2g} %"
+            else:
+                much = "-"
             table.append((p.of.words, readable(p.of.start, unit), readable(p.value, unit), between, much, shift))
         rows: list[tuple[str, ...]] = [("data", "residual before", "after", "of the data", "error of run")]
         for c in self.columns:
             unit = units.shown(c.column.unit)
             size = float(np.sqrt(np.mean(c.column.values**2))) or math.inf
             sizes = [readable(c.rms(y), unit, 3) for y in (c.before, c.after)]
-            error = f"{100 * c.error:.2g} %" if math.isfinite(c.error) else "-"
+            if math.isfinite(c.error):
+                error = f"{100 * c.error:.2g} %"
+            else:
+                error = "-"
             name = f"{c.column.name} of {c.table.path}"
             rows.append((name, *sizes, f"{100 * c.rms(c.after) / size:.2g} %", error))
         lines = [head, "", *aligned(table)]
@@ -310,7 +325,10 @@ def combinations(
     for interval, combination in directions:
         if interval <= 1.0:
             continue
-        much = "at all" if not math.isfinite(interval) else f"(+-{100 * interval:.2g} %)"
+        if not math.isfinite(interval):
+            much = "at all"
+        else:
+            much = f"(+-{100 * interval:.2g} %)"
         entering = [
             int(i) for i in np.argsort(-np.abs(combination)) if abs(combination[i]) > _ENTERS * max(abs(combination))
         ]
@@ -324,7 +342,10 @@ def combinations(
     for i in range(len(words)):
         for j in range(i):
             if abs(correlation[i, j]) > TOGETHER and not {i, j} <= told:
-                sense = "more of one with less of the other" if correlation[i, j] < 0 else "more of both"
+                if correlation[i, j] < 0:
+                    sense = "more of one with less of the other"
+                else:
+                    sense = "more of both"
                 said.append(f"{words[j]} and {words[i]} are correlated ({correlation[i, j]:+.3f}): {sense}")
     if said and math.isfinite(directions[0][0]) and len(words) > 1:
         best = directions[0][1] / directions[0][1][np.argmax(np.abs(directions[0][1]))]
@@ -373,11 +394,8 @@ def calibration_of(
     ]
     if predictor.reason:
         remarks.append(f"derivatives by secants: {predictor.reason}")
-        remarks += (
-            []
-            if converged
-            else ["the secants were not made anew at the end: intervals are rough, give more --max-runs"]
-        )
+        if not converged:
+            remarks += ["the secants were not made anew at the end: intervals are rough, give more --max-runs"]
     remarks += _on_derivatives(best, done, weights, scale)
     remarks += _on_residuals(columns, statistics)
     return Calibration(
@@ -395,7 +413,11 @@ def calibration_of(
 
 def _bound(p: FitParameter, value: float) -> str:
     near = AT_BOUND * p.scale
-    return "lower" if value <= p.low + near else "upper" if value >= p.high - near else ""
+    if value <= p.low + near:
+        return "lower"
+    if value >= p.high - near:
+        return "upper"
+    return ""
 
 
 def _estimated(scene: Scene, solution: Solution, columns: Sequence[Column], remarks: list[str]) -> ErrorEstimate | None:

@@ -105,9 +105,15 @@ def parameters_of(fit: Sequence[str], scene: Scene) -> list[FitParameter]:
             continue
         if start is None and len(set(values)) > 1:
             problems.add("--fit", "the numbers have different values", text, remedy="give the start: NAME,NAME=START")
-        begin = values[0] if start is None else start
+        if start is None:
+            begin = values[0]
+        else:
+            begin = start
         # a factor has no meaning for numbers that may have either sign
-        ends = (begin / _RANGE, begin * _RANGE) if begin > 0.0 else (-math.inf, math.inf)
+        if begin > 0.0:
+            ends = (begin / _RANGE, begin * _RANGE)
+        else:
+            ends = (-math.inf, math.inf)
         low, high = ends[0] if low is None else low, ends[1] if high is None else high
         if not (math.isfinite(begin) and low < begin < high):
             problems.add("--fit", "the start is not between the bounds", text, f"LOW < {begin:g} < HIGH")
@@ -199,7 +205,9 @@ class LeastSquares:
     def _rows(self, z: Array) -> Array:
         """Residuals of a trial, NaN where its run fails: the trust region shrinks then."""
         made = self.at(z)
-        return np.full(len(self._data), np.nan) if made is None else self.residuals(made)
+        if made is None:
+            return np.full(len(self._data), np.nan)
+        return self.residuals(made)
 
     def _jacobian(self, z: Array) -> Array:
         return np.asarray(self.slopes(z) / self.weights[:, None])
@@ -274,7 +282,10 @@ class LeastSquares:
         known = (
             best.slopes if best.slopes is not None else None if self._secants is None else self._secants / self.scale
         )
-        slopes = np.full((len(self._data), len(self.scale)), np.nan) if known is None else known
+        if known is None:
+            slopes = np.full((len(self._data), len(self.scale)), np.nan)
+        else:
+            slopes = known
         return _Fit(best, slopes, converged)
 
 
@@ -319,7 +330,8 @@ def calibrate(
     >>> round(made["material.bar.density"].value, 2)
     1.0
     """
-    scene = scene if isinstance(scene, Scene) else load_scene(scene, settings)
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene, settings)
     parameters = parameters_of([fit] if isinstance(fit, str) else fit, scene)
     tables = read_measured([data] if isinstance(data, str | Path) else data, scene)
     _check(tables, parameters, {"--max-runs": max_runs, "--mode": mode, "--increments": increments})
@@ -349,7 +361,10 @@ def _check(tables: Sequence[MeasuredTable], parameters: Sequence[FitParameter], 
         problems.append(Problem(tables[0].path, what, str(n), f"more than the {len(parameters)} parameters", remedy))
     for option, count in counts.items():
         # a secant needs a second run
-        least = 2 if option == "--max-runs" else 1
+        if option == "--max-runs":
+            least = 2
+        else:
+            least = 1
         if not least <= count <= _MOST_RUNS:
             problems.append(Problem(option, "out of range", str(count), f"{least} to {_MOST_RUNS}"))
     if problems:

@@ -191,8 +191,15 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
         for block in body.mesh.blocks:
             kinds[block.cell_type] += len(block.cells)
         cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        added = 0.0 if body.added is None else float(body.added.matrix[::3, ::3].sum())  # one component: all mass
-        masses = f" ({added:.4g} {units['kg']} in point masses)" if added else ""
+        # one component: all mass
+        if body.added is None:
+            added = 0.0
+        else:
+            added = float(body.added.matrix[::3, ::3].sum())
+        if added:
+            masses = f" ({added:.4g} {units['kg']} in point masses)"
+        else:
+            masses = ""
         volume = float(body.shape.elements.volume.sum())
         sizes = f"{size} {units['m']}, {volume:.6g} {units['m3']}, {_mass(body):.6g} {units['kg']}{masses}"
         lines.append(f"  body {name}: {sizes}, {body.mesh.n_node} nodes, {cells}")
@@ -231,9 +238,15 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         # walls of a periodic body end nowhere
         if any(isinstance(b, Periodic) for b in boundaries):
             continue
-        behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)
+        if body.description.box is None:
+            behind = _mesh_walls(body, boundaries)
+        else:
+            behind = _box_walls(body, boundaries)
         if (message := _bending_message(behind, stiff, body)) is not None:
-            remedy = f"set substructure.{name}.bending_modes" if "hexahedron" in stiff else "use quadratic elements"
+            if "hexahedron" in stiff:
+                remedy = f"set substructure.{name}.bending_modes"
+            else:
+                remedy = "use quadratic elements"
             remarks.append(f"substructure {name}: {message}; {remedy} (waves along the body are not affected)")
     return remarks
 
@@ -241,7 +254,9 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
 def _stiff_types(body: Body) -> set[str]:
     """Types of cells of the body that are too stiff in bending."""
     types = set(body.mesh.cell_types) & set(_LINEAR)
-    return types - set(BENDING_CELLS) if body.shape.bending_modes else types
+    if body.shape.bending_modes:
+        return types - set(BENDING_CELLS)
+    return types
 
 
 def _bending_message(walls: Walls, stiff: set[str], body: Body) -> str | None:
@@ -263,7 +278,13 @@ def _bending_message(walls: Walls, stiff: set[str], body: Body) -> str | None:
 
 def _factors(stiff: set[str], types: set[str]) -> dict[str, float]:
     """c of the module docstring by kind of facet on the wall, in a mesh of these types of cells."""
-    quad = TETRAHEDRON if "hexahedron" not in types else HEXAHEDRON if "hexahedron" in stiff else 0.0
+    if "hexahedron" not in types:
+        quad = TETRAHEDRON
+    else:
+        if "hexahedron" in stiff:
+            quad = HEXAHEDRON
+        else:
+            quad = 0.0
     return {"quad": quad, "triangle": TETRAHEDRON if "tetra" in stiff else HEXAHEDRON}
 
 

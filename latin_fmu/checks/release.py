@@ -77,7 +77,10 @@ def released(
         relative = np.asarray(parts.jump(unit, local=True) @ moved).reshape(len(points), 3, total)[points]
         if unit.name == joint:
             # the jump of owner less other along N: an opening or an approach, by the owner's side
-            sign = -1.0 if unit.geometry.owner == 0 else 1.0
+            if unit.geometry.owner == 0:
+                sign = -1.0
+            else:
+                sign = 1.0
             opening, areas = sign * relative[:, 0], unit.geometry.areas[points]
             continue
         stiffness = _stiffness(unit)
@@ -110,7 +113,10 @@ def _rigid(model: SubstructureModel, nodes: Array) -> Array:
     """Rigid motions (n_full, 0 ... 6) that the conditions of a substructure allow, of unit size."""
     full = rigid_modes(nodes, nodes.mean(axis=0), float(np.ptp(nodes, axis=0).max()))
     # a body with unknowns of its own: those that move its nodes like this
-    unknowns = full if model.nodal is None else la.lstsq(model.nodal, full)[0]
+    if model.nodal is None:
+        unknowns = full
+    else:
+        unknowns = la.lstsq(model.nodal, full)[0]
     allowed = model.expansion @ closest_reduced(model.expansion, unknowns)
     against = full - (allowed if model.nodal is None else model.nodal @ allowed)
     values, vectors = la.eigh(against.T @ against / len(nodes))
@@ -131,4 +137,6 @@ def _rigid_components(unit: InterfaceUnit) -> list[int]:
     across = [1, 2][: behaviour.n_component - 1]
     if behaviour.opens:
         return ([] if behaviour.elastic else [0]) + across
-    return [] if behaviour.compliant else [0, *across]
+    if behaviour.compliant:
+        return []
+    return [0, *across]

@@ -221,9 +221,15 @@ def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, Interfac
     if not found:
         return []
     _, name, words = max(found)
-    more = f" (and {len(found) - 1} more interfaces)" if len(found) > 1 else ""
+    if len(found) > 1:
+        more = f" (and {len(found) - 1} more interfaces)"
+    else:
+        more = ""
     reason = problem.scheme.partition(" (")[2].partition(":")[0].removesuffix(")")
-    before = f", and the time scheme was chosen before the run because {reason}" if reason else ""
+    if reason:
+        before = f", and the time scheme was chosen before the run because {reason}"
+    else:
+        before = ""
     return [f"interface {name}{more} {words}{before}: {problem.unforeseen[name]}"]
 
 
@@ -352,7 +358,9 @@ def _travel(assembly: Assembly) -> float:
     """Distance that the largest tractions of the loads move a face in the run, m."""
     moving = assembly.impedance[assembly.impedance > 0.0]
     duration = float(assembly.time[-1] - assembly.time[0])
-    return assembly.characteristic_traction * duration / float(moving.min()) if moving.size else 0.0
+    if moving.size:
+        return assembly.characteristic_traction * duration / float(moving.min())
+    return 0.0
 
 
 def resultants(
@@ -431,7 +439,9 @@ def balance_words(by_body: Mapping[str, Resultants]) -> str:
         return "; forces on all bodies within round-off"
     largest = max((r.largest for r in by_body.values()), default=0.0)
     off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in by_body.values()), default=0.0)
-    return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
+    if largest > 0.0:
+        return f"; forces on every body in balance to {off / largest:.1e} of the largest"
+    return ""
 
 
 def balance_remarks(by_body: Mapping[str, Resultants], tolerance: float, units: UnitSystem = SI) -> list[str]:
@@ -464,7 +474,9 @@ def faults_of(
 
 def with_faults(sentence: str, faults: Sequence[str]) -> str:
     """The status of a run with what makes it not trustworthy."""
-    return f"not trustworthy: {'; '.join(faults)} ({sentence})" if faults else sentence
+    if faults:
+        return f"not trustworthy: {'; '.join(faults)} ({sentence})"
+    return sentence
 
 
 class Sinking(NamedTuple):
@@ -497,7 +509,10 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
         if not deep.any():
             continue
         worst = int(np.argmax(np.where(deep, sunk / np.maximum(allowed, np.finfo(float).tiny), 0.0)))
-        of = f"the shortening of bolt {clamps[whose[worst]].cut.name}" if whose[worst] >= 0 else "the elastic approach"
+        if whose[worst] >= 0:
+            of = f"the shortening of bolt {clamps[whose[worst]].cut.name}"
+        else:
+            of = "the elastic approach"
         at = ", ".join(f"{x:.4g}" for x in history.points[worst])
         words = (
             f"interface {name}: excessive penetration at {int(deep.sum())} of {len(sunk)} points that never opened, at "
@@ -543,7 +558,10 @@ def _strayed(problem: SolverReadyProblem, history: InterfaceHistory, time: Array
         i = [unit.name for unit in problem.assembly.interfaces].index(history.name)
         front = np.maximum(np.abs(speed[:-1]), np.abs(speed[1:])) * areas @ _impedances(problem.assembly, i)
         force += float(np.minimum(inertia, front).max(initial=0.0))
-    share = force / largest if largest > 0.0 else 0.0
+    if largest > 0.0:
+        share = force / largest
+    else:
+        share = 0.0
     if not share <= TOLD:  # NaN, too
         fault, depth = not share <= STRAYED, readable(float(history.sunk().max()), problem.unit_system.label("m"), 3)
         yield Sinking(
@@ -578,7 +596,10 @@ def _size(problem: SolverReadyProblem, history: InterfaceHistory) -> float:
 def _open(account: Account | None, joule: str) -> Iterator[str]:
     """The balance of energies, where it does not close."""
     if account is not None and not abs(account.open) <= OPEN * account.largest + account.negligible:
-        share = abs(account.open) / account.largest if account.largest > 0.0 else np.inf
+        if account.largest > 0.0:
+            share = abs(account.open) / account.largest
+        else:
+            share = np.inf
         yield (
             f"energy: the balance of the bodies has a residual of {account.open:.3g} {joule} at the end, "
             f"{percent(share)} of its largest term, {account.largest:.3g} {joule} (allowed: {percent(OPEN)}): the "
@@ -591,7 +612,10 @@ def _turned(ends: Mapping[str, BodyEnd]) -> Iterator[str]:
     far = {name: end.degrees for name, end in ends.items() if not end.degrees <= LARGEST_TURN}  # NaN and infinity, too
     if far:
         worst = max(far, key=lambda name: far[name])
-        others = "" if len(far) == 1 else f" (and {len(far) - 1} more bodies by more than {LARGEST_TURN:g})"
+        if len(far) == 1:
+            others = ""
+        else:
+            others = f" (and {len(far) - 1} more bodies by more than {LARGEST_TURN:g})"
         yield (
             f"substructure {worst} has rotated by {far[worst]:.3g} degrees at the end{others}; strains and contact "
             f"normals assume small rotations (allowed: {LARGEST_TURN:g} degrees): end the run earlier by time.end, or "

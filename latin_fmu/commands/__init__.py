@@ -84,7 +84,10 @@ class Waiting:
         self._seconds = seconds
         self._quiet = quiet
         self._clock = clock
-        self._stream = sys.stderr if stream is None else stream
+        if stream is None:
+            self._stream = sys.stderr
+        else:
+            self._stream = stream
         self._line = Line(self._stream)
         self._since, self._share = clock(), 0.0
         self._over, self._lock = threading.Event(), threading.Lock()
@@ -132,7 +135,10 @@ class Waiting:
         return f"{self._text}: {_amount(passed)} so far{_left(remainder)}"
 
     def _show(self) -> None:
-        again = _AGAIN_ON_TERMINAL if self._line.terminal else _AGAIN_IN_LOG
+        if self._line.terminal:
+            again = _AGAIN_ON_TERMINAL
+        else:
+            again = _AGAIN_IN_LOG
         wait = PATIENCE
         while not self._over.wait(wait):
             with self._lock:
@@ -204,13 +210,17 @@ class Progress(Waiting):
 
 
 def _left(seconds: float | None) -> str:
-    return "" if seconds is None else f", about {_amount(seconds)} left"
+    if seconds is None:
+        return ""
+    return f", about {_amount(seconds)} left"
 
 
 def _amount(seconds: float) -> str:
     if seconds < 90.0:
         return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+    if seconds < 5400.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h"
 
 
 CONVERGED = 0
@@ -336,9 +346,15 @@ def ending_together(processes: Processes, signals: StopSignals) -> Iterator[None
                 sys.stderr = io.StringIO()
             raise
         time.sleep(_BETWEEN * processes.rank)  # one sentence is enough where all of them fail
-        text = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__
+        if isinstance(error, KeyboardInterrupt):
+            text = "interrupted"
+        else:
+            text = str(error) or type(error).__name__
         print(f"latin-fmu: process {processes.rank} of {processes.size}: {text}", file=sys.stderr, flush=True)
-        code = NO_MEMORY if isinstance(error, MemoryError) else SOLVER_FAILED
+        if isinstance(error, MemoryError):
+            code = NO_MEMORY
+        else:
+            code = SOLVER_FAILED
         processes.abort(signals.exit_code if signals.received else code)
 
 

@@ -201,7 +201,10 @@ def backbone(options: BackboneOptions) -> int:
     if not 1 <= options.points <= _MOST_POINTS:
         problem = Problem("--points", "out of range", str(options.points), f"1 to {_MOST_POINTS}")
         raise InputError([problem], "bad argument")
-    levels = np.geomspace(lowest, highest, options.points) if highest > lowest else np.array([highest])
+    if highest > lowest:
+        levels = np.geomspace(lowest, highest, options.points)
+    else:
+        levels = np.array([highest])
     measured = _measured(options, scene.unit_system)
     targets = _targets(options.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
     with Waiting("tightening") as waiting:
@@ -232,9 +235,13 @@ def _amplitudes(text: str, units: UnitSystem) -> tuple[float, float]:
     sizes = []
     for part in text.split(":"):
         number, unit = value_and_unit(part) or (0, "")
-        size = unit_size(unit, "m") if unit else units.exact_size("m")
+        if unit:
+            size = unit_size(unit, "m")
+        else:
+            size = units.exact_size("m")
         with suppress(OverflowError):
-            sizes += [] if size is None else [float(number * size / units.exact_size("m"))]
+            if size is not None:
+                sizes += [float(number * size / units.exact_size("m"))]
     if len(sizes) != len(text.split(":")) or len(sizes) > 2 or not 0.0 < sizes[0] <= sizes[-1] < float("inf"):
         allowed = f"A or A:B, 0 < A <= B, numbers with one of {names_for('m')} or in the units of the scene"
         raise InputError([Problem("--amplitude", "no range of amplitudes", text, allowed)], "bad argument")
@@ -359,7 +366,8 @@ def srs(options: SrsOptions) -> int:
         spectra = dict(_spectra(tree, options, waiting))
         units = units_of(tree.attrs)
         in_g = acceleration_unit(units, options.g)
-        units = units.with_g if options.g else units
+        if options.g:
+            units = units.with_g
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         dataset = _tree(tree, {name: group.dataset() for name, group in groups.items()})
     lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
@@ -396,7 +404,10 @@ def _srs_of_record(options: SrsOptions, targets: Sequence[Path]) -> int:
     law = {"file": str(options.results), "start": "record"}
     law |= {key: _number_or_text(value) for key, value in _said(options, _OF_RECORD).items()}
     spectrum, read_as = _record_spectrum(law, _said(options, _OF_SPECTRUM))
-    units = SI.with_g if options.g else SI
+    if options.g:
+        units = SI.with_g
+    else:
+        units = SI
     lines = record_lines(spectrum, f"{options.results}, {read_as}", units)
     tell(options.json, lines, lambda: StoredGroup.of_dataset(record_dataset(spectrum)).report())
     write_bytes(targets[0], record_csv(spectrum, acceleration_unit(units, options.g)).encode())
@@ -448,7 +459,10 @@ def _record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple
         raise InputError(problems, heading) from None
     unit = record.units[1]
     if unit in (None, "1") or (isinstance(unit, str) and si_unit(unit) != "m s-2"):
-        what = "the values are not an acceleration" if unit else "the unit of the values is unknown"
+        if unit:
+            what = "the values are not an acceleration"
+        else:
+            what = "the unit of the values is unknown"
         raise InputError.of(heading, "--value-unit", what, str(unit or ""), f"{names_for('m s-2')}, or the factor")
     times, values = np.array(record.times), np.array(record.values)
     step = float(times[-1] - times[0]) / (len(times) - 1)

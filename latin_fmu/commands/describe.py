@@ -68,7 +68,9 @@ def check(of: OfScene, strict: Strict = False, json: Json = False) -> int:
     with Waiting("check"):
         found = api.checked(of.read_scene())
     tell(json, found.text(), found.report)
-    return REMARKED if strict and found.remarks else CONVERGED
+    if strict and found.remarks:
+        return REMARKED
+    return CONVERGED
 
 
 _FMU_MODES: Final = 0  # of --fmu without a number: all of them
@@ -125,7 +127,9 @@ def explain(
     tell(json, [text], lambda: report)
     if limited:
         return LIMITED
-    return REMARKED if strict and explanation.warnings else CONVERGED
+    if strict and explanation.warnings:
+        return REMARKED
+    return CONVERGED
 
 
 def _effects_in_runs(

@@ -182,11 +182,10 @@ def _made(options: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> 
         whole = options.reference == "whole"
         reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
         files |= reference.files
-        took = (
-            f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)"
-            if reference.files
-            else ""
-        )
+        if reference.files:
+            took = f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)"
+        else:
+            took = ""
         lines.append(f"{reference.said}{took}")
     build.write_archive(target, files)
     return [*acting, *lines]
@@ -206,10 +205,16 @@ def _acting(scene: Scene) -> list[str]:
     lines = [f"FMU inputs set by the importer, start values: {listed(starts)}"] if starts else []
     if actions:
         free = [name for name, law in settable_of(scene).items() if not isinstance(law, InputLaw)]
-        more = f" (--inputs {free[0]} makes {free[0]} an input)" if free and not starts else ""
+        if free and not starts:
+            more = f" (--inputs {free[0]} makes {free[0]} an input)"
+        else:
+            more = ""
         lines.append(f"acts in the FMU as in the scene: {listed(actions)}{more}")
     else:
-        rest = "" if any(source.start for source in sources) else ": until an input is set the FMU stays at rest"
+        if any(source.start for source in sources):
+            rest = ""
+        else:
+            rest = ": until an input is set the FMU stays at rest"
         lines.append(f"nothing else loads or moves a body{rest}")
     return lines
 
@@ -347,7 +352,10 @@ def simulate(options: SimulateOptions) -> int:
         for text in dict.fromkeys(drive.warnings):
             say(f"latin-fmu: warning of the FMU: {text}")
         print(f"{len(rows)} rows: {target}")
-    reached = rows[-1][0] if rows else 0.0
+    if rows:
+        reached = rows[-1][0]
+    else:
+        reached = 0.0
     if drive.complaint:
         say(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}")
         return SOLVER_FAILED

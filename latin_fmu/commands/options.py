@@ -121,7 +121,10 @@ class _Declared:
         if self.kind is bool:
             return keywords | {"action": "store_false" if self.default is True else "store_true"}
         words = get_args(self.kind) if get_origin(self.kind) is tuple else ()
-        one = words[0] if words else self.kind
+        if words:
+            one = words[0]
+        else:
+            one = self.kind
         if get_origin(one) is Literal:
             keywords["choices"] = get_args(one)
         elif self.option.read is None and one not in _PLAIN:
@@ -136,14 +139,18 @@ class _Declared:
             return keywords | ({"nargs": "+"} if by_place else {"action": "append"})
         if by_place and optional:
             return keywords | {"nargs": "?", "default": self.default}
-        return keywords if self.option.const is None else keywords | {"nargs": "?", "const": self.option.const}
+        if self.option.const is None:
+            return keywords
+        return keywords | {"nargs": "?", "const": self.option.const}
 
     def value(self, arguments: Mapping[str, Any]) -> Any:
         """The value of the parameter from the ``arguments`` of the command line."""
         if self.group:
             return self.kind(**_values(self.kind, arguments))
         value = arguments[self.name]
-        return tuple(value) if get_origin(self.kind) is tuple else value
+        if get_origin(self.kind) is tuple:
+            return tuple(value)
+        return value
 
 
 def _declared(of: Callable[..., Any]) -> Iterator[_Declared]:
@@ -219,7 +226,11 @@ class CommandParser(argparse.ArgumentParser):
 
 def _said(name: str, sentence: str) -> str:
     """A sentence of a docstring about a parameter as one of the help."""
-    whole = f"{name.replace('_', ' ')} {sentence}" if sentence.startswith("of ") else sentence  # it continues the name
+    # it continues the name
+    if sentence.startswith("of "):
+        whole = f"{name.replace('_', ' ')} {sentence}"
+    else:
+        whole = sentence
     return _OF_NONE.sub(r" (default: \1)", whole).replace("`", "")
 
 
@@ -229,7 +240,10 @@ def _help(text: str, default: Any) -> str:
     nothing = default is _MISSING or default is None or isinstance(default, bool) or default in ("", ())
     if not text or nothing or "default" in text.lower():
         return text
-    shown = f"{default:g}".replace("e-0", "e-") if isinstance(default, float) else default
+    if isinstance(default, float):
+        shown = f"{default:g}".replace("e-0", "e-")
+    else:
+        shown = default
     return f"{text} (default: {shown})"
 
 

@@ -79,7 +79,9 @@ def interval(text: str) -> Interval:
     match = re.fullmatch(r"(\d+|\d*\.\d+) ?(|s|min|h)", text.strip())
     if match is None or float(match[1]) <= 0.0 or (not match[2] and "." in match[1]):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of instants or a time; for example 500, 90s, 10min")
-    return Interval(seconds=float(match[1]) * _UNITS[match[2]]) if match[2] else Interval(int(match[1]))
+    if match[2]:
+        return Interval(seconds=float(match[1]) * _UNITS[match[2]])
+    return Interval(int(match[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +166,10 @@ def _distributed(options: SolveOptions, signals: StopSignals, processes: Process
         if wanted := [name for name, value in refused.items() if value is not None]:
             problems = [Problem(name, "requires a single process", remedy="run it without mpiexec") for name in wanted]
             raise InputError(problems, "the run cannot be distributed over processes")
-        target = _checked_outputs(scene, options) if first else Path()
+        if first:
+            target = _checked_outputs(scene, options)
+        else:
+            target = Path()
     # all processes take part in the estimate
     solution = _estimated(scene, _solve(scene, options, signals, processes=processes), options, processes)
     with processes.agreed():
@@ -198,7 +203,11 @@ def _code(solution: Solution, good: bool, options: SolveOptions) -> int:
     """Exit code of a run that has been written."""
     if solution.interrupted:
         return LIMITED
-    return NOT_CONVERGED if not good else REMARKED if options.strict and solution.warnings else CONVERGED
+    if not good:
+        return NOT_CONVERGED
+    if options.strict and solution.warnings:
+        return REMARKED
+    return CONVERGED
 
 
 def _run_alone(options: SolveOptions, signals: StopSignals) -> int:
@@ -389,7 +398,9 @@ def _estimated(
 
 def _left(solution: Solution, options: SolveOptions) -> float | None:
     """CPU seconds that a run has left of its limit for the estimate; None without a limit."""
-    return None if options.max_cpu is None else max(options.max_cpu - solution.timings.total, 0.0)
+    if options.max_cpu is None:
+        return None
+    return max(options.max_cpu - solution.timings.total, 0.0)
 
 
 def _show(

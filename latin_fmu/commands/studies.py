@@ -182,7 +182,10 @@ def cost(
 
     loaded = [load_scene(path, overrides) for path in scenes]  # all before the long part
     if budget is None:
-        budget = _QUICK if quick else _BUDGET
+        if quick:
+            budget = _QUICK
+        else:
+            budget = _BUDGET
     if not 0.0 < budget < 1e6:
         raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
     if output is not None:
@@ -277,7 +280,9 @@ def stress(
         if json:
             say(verdict(rows, left_out))
         return LIMITED
-    return CONVERGED if all(row.passed or row.known_fault for row in rows) else NOT_CONVERGED
+    if all(row.passed or row.known_fault for row in rows):
+        return CONVERGED
+    return NOT_CONVERGED
 
 
 @command(_SWEEP_EXAMPLES, feeds=("sweep", "sample"))
@@ -296,7 +301,10 @@ def sweep(options: SweepOptions, signals: Signals) -> int:
     jobs = options.jobs
     if jobs is None:
         # workers of a cluster have their own cores
-        jobs = usable_cores() if options.scheduler is None else 1
+        if options.scheduler is None:
+            jobs = usable_cores()
+        else:
+            jobs = 1
     more: dict[str, Any] = {"settings": options.overrides, "jobs": jobs, "log": None if options.quiet else say}
     more["output"] = output
     lines = list[str]()
@@ -321,7 +329,9 @@ def sweep(options: SweepOptions, signals: Signals) -> int:
         tell_written(options.json, written)
     elif states.any():
         say(written)
-    return CONVERGED if not states.any() else NOT_CONVERGED
+    if not states.any():
+        return CONVERGED
+    return NOT_CONVERGED
 
 
 @command(_CALIBRATE_EXAMPLES, feeds=("calibrate",))
@@ -349,7 +359,9 @@ def calibrate(options: CalibrateOptions) -> int:
     write_bytes(target, calibration.text(source).encode())
     save_figure(calibration_figure(calibration), picture)
     tell_written(options.json, f"calibrated scene: {target}, figure: {picture}")
-    return CONVERGED if calibration.converged else NOT_CONVERGED
+    if calibration.converged:
+        return CONVERGED
+    return NOT_CONVERGED
 
 
 def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int) -> None:
@@ -362,7 +374,10 @@ def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int
     if rows:
         save_figure(stability_figure(rows), picture)
     # the comparison has no limit of its own: not after one was reached
-    schemes = "" if left_out else compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
+    if left_out:
+        schemes = ""
+    else:
+        schemes = compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
     write_bytes(data, (as_json(rows) + "\n").encode())
     write_bytes(target, as_markdown(rows, schemes, picture.name if rows else None, left_out, data.name).encode())
     say(f"report: {target}, cases: {data}" + f", figure: {picture}" * bool(rows))

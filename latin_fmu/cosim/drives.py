@@ -57,14 +57,19 @@ class Sources:
         laws = {name: sample(time) for name, sample in _own_laws(scene).items()}
         varies = any(not isinstance(s.law, ConstantLaw) for s in sources_of(scene) if s.name in laws)
         start = np.array([source.start for source in inputs], dtype=float)
-        table = np.stack([*laws.values()], axis=1)[: None if varies else 1] if laws else np.zeros((1, 0))
+        if laws:
+            table = np.stack([*laws.values()], axis=1)[: None if varies else 1]
+        else:
+            table = np.zeros((1, 0))
         names, kinds = tuple(s.name for s in inputs), tuple(s.drives for s in inputs)
         return cls(names, tuple(laws), kinds, start, table, len(time) - 1 if varies else -1)
 
     def law_amplitudes(self, scene: Scene, time: Array) -> Array:
         """Amplitudes of the own laws at other instants, (n, n_law)."""
         laws = _own_laws(scene)
-        return np.stack([laws[name](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
+        if laws:
+            return np.stack([laws[name](time) for name in self.laws], axis=1)
+        return np.zeros((len(time), 0))
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.laws)
@@ -72,7 +77,10 @@ class Sources:
     def initial(self) -> Array:
         """Amplitudes at the first two instants for the start values of the inputs, (2, n)."""
         # driven by its rate
-        start = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start) if self.inputs else self.start
+        if self.inputs:
+            start = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start)
+        else:
+            start = self.start
         # instants 0 and 1; of a table of one row that row twice
         rows = self.table[[0, min(1, len(self.table) - 1)]]
         return np.concatenate([np.stack([start, start]), rows], axis=1)
@@ -98,7 +106,9 @@ def sampler(source: Source, end: float) -> Callable[[Array], Array]:
     """
     if source.drives == DISPLACEMENT:
         return partial(rates_of_steps, source.law.sample, end=end)
-    return source.law.sample if source.drives == MOTION else partial(sampled, source.law)
+    if source.drives == MOTION:
+        return source.law.sample
+    return partial(sampled, source.law)
 
 
 class Drives:
@@ -232,7 +242,10 @@ def history_fields(drives: Drives) -> dict[str, Any]:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
     # of the start the columns alone are needed: its motion state is the one that is given
     fields.pop("start_motion", None)
-    products = drives.force_products() if static else np.zeros(0)
+    if static:
+        products = drives.force_products()
+    else:
+        products = np.zeros(0)
     sources, sizes = drives.sources, {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1, "n_source": n_s}
     inputs = {"n_input": len(sources.inputs), "input_kind": np.array(sources.kinds, dtype=np.int64)}
     inputs |= {"input_held": np.full(len(sources.inputs), FREE), "input_start": sources.start}
@@ -313,7 +326,10 @@ def _is_affine(drives: Drives, start: Array, base: list[Array], e: int, unit: fl
         # affine: f(a, b) - f = a (f(1, 0) - f) + b (f(0, 1) - f)
         scale = np.abs(old) + np.abs(first) + np.abs(second)
         # fields are u, v, a and residual of each class in turn: 3 is the residual
-        residual = forces[k // 4] if k % 4 == 3 and k // 4 < len(forces) else 0.0
+        if k % 4 == 3 and k // 4 < len(forces):
+            residual = forces[k // 4]
+        else:
+            residual = 0.0
         allowed = _AFFINE * max(scale.max(initial=0.0), residual)
         if np.abs(both + 2.0 * first - 0.5 * second).max(initial=0.0) > allowed:
             return False

@@ -123,7 +123,9 @@ class Engine:
         return self._call(name, *arguments)
 
     def _message(self) -> str:
-        return self._messages[-1][1] if self._messages else "the runtime gives no reason"
+        if self._messages:
+            return self._messages[-1][1]
+        return "the runtime gives no reason"
 
     @property
     def warnings(self) -> list[str]:
@@ -272,7 +274,9 @@ def wrong_history(times: Array, values: Array) -> str:
     text = ctypes.create_string_buffer(_LONGEST)
     t, a = (np.ascontiguousarray(part) for part in (times, values))
     places = c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a)), text, c_size_t(_LONGEST)
-    return text.value.decode() if c_runtime.loaded().latin_fmu_wrong_history(*places) else ""
+    if c_runtime.loaded().latin_fmu_wrong_history(*places):
+        return text.value.decode()
+    return ""
 
 
 def _freed(shared: Any, instance: int, _kept: object) -> None:

@@ -104,7 +104,10 @@ class HandedRun:
 
         def called(what: int, a: int, b: int, c: int) -> int:
             handed = this()
-            stops = 1 if handed is None else handed._called(what, a, b, c)
+            if handed is None:
+                stops = 1
+            else:
+                stops = handed._called(what, a, b, c)
             answered[0] = 1  # C has set 0, for a signal that ends this function before here
             return stops
 
@@ -170,9 +173,15 @@ class HandedRun:
         if end < 0 or first <= steps <= first + end - n:
             return
         # the table of the scene where it reaches, else one that begins here
-        first = 0 if steps + n <= end else steps
+        if steps + n <= end:
+            first = 0
+        else:
+            first = steps
         instants = self._run.drives.dt * np.arange(first, first + end + 1.0)
-        table = sources.table if first == 0 else sources.law_amplitudes(self._run.scene, instants)
+        if first == 0:
+            table = sources.table
+        else:
+            table = sources.law_amplitudes(self._run.scene, instants)
         at = image.run_fields["law_table"]
         image.fixed[at : at + table.size] = table.ravel()
         image.set({"law_first": first})

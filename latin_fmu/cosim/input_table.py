@@ -64,7 +64,10 @@ class InputKind:
     def acting(self, scene: Scene) -> dict[str, Any]:
         """The tables of this kind, by name; one that has no name by an empty one."""
         tables = getattr(scene, self.tables)
-        named = tables if isinstance(tables, dict) else {} if tables is None else {"": tables}
+        if isinstance(tables, dict):
+            named = tables
+        else:
+            named = {} if tables is None else {"": tables}
         return {name: table for name, table in named.items() if self.acts(table)}
 
     def updated(self, scene: Scene, new: Mapping[str, Any]) -> Scene:
@@ -117,7 +120,9 @@ class Source(NamedTuple):
     @property
     def start(self) -> float:
         """Start value of the input; 0 of a law of the scene."""
-        return self.law.start_value if isinstance(self.law, InputLaw) else 0.0
+        if isinstance(self.law, InputLaw):
+            return self.law.start_value
+        return 0.0
 
     def variables(self) -> Iterator[Variable]:
         """Value and rate of the input."""

@@ -36,7 +36,9 @@ _HEADING = "the load histories cannot be used"
 def rule_of(name: str, rule: int, rate: float) -> int:
     """Rule of one input. A wave without a rate is the straight line from its last value, as if it had travelled for the
     step: a wave that is held gains energy, and so does one that is extrapolated."""
-    return LINE if is_wave(name) and rule != HOLD and rate == 0.0 else rule
+    if is_wave(name) and rule != HOLD and rate == 0.0:
+        return LINE
+    return rule
 
 
 class GivenLoads:

@@ -60,7 +60,10 @@ class FacePoints(NamedTuple):
         fields = history.points_over_time
         areas = history.areas
         nothing = np.zeros(0)
-        gap = nothing if fields.gap is None else fields.gap
+        if fields.gap is None:
+            gap = nothing
+        else:
+            gap = fields.gap
         columns = fields.traction, fields.velocity, gap, fields.contact_status
         return cls(*columns, areas, areas / areas.sum(), history.normals)
 
@@ -96,7 +99,9 @@ def _measured(turned: int) -> Callable[[Port], Sequence[int | None]]:
 
 def _opening(interface: Interface) -> Sequence[int | None]:
     """A number of an interface that can open."""
-    return (None,) if interface.behaves_open else ()
+    if interface.behaves_open:
+        return (None,)
+    return ()
 
 
 @dataclass(frozen=True)
@@ -358,7 +363,10 @@ class Placed(NamedTuple):
         """Its numbers as variables. inputs : names of the values that are set from outside."""
         row, about = self.row, self.row.meaning.format(**self.family.words(self.name, self.owner))
         for name, axis in zip(self.names, row.axes(self.owner), strict=True):
-            text = about if axis is None else f"{about}, {AXES[axis]}"
+            if axis is None:
+                text = about
+            else:
+                text = f"{about}, {AXES[axis]}"
             if not row.unit:
                 yield Variable(name, "output", "discrete", "integer", text, minimum=row.least)
                 continue

@@ -121,7 +121,10 @@ class WholeRecord(Record):
         image = self._run.image
         laws = self._run.sources.table
         n = len(amplitudes)
-        rows = laws[:n] if len(laws) >= n else np.broadcast_to(laws[-1], (n, laws.shape[1]))
+        if len(laws) >= n:
+            rows = laws[:n]
+        else:
+            rows = np.broadcast_to(laws[-1], (n, laws.shape[1]))
         image.call(entries.PRESENT, _PATH, 1)
         drives = image.field("drive", image.rows, int(image.run_fields["n_drive"]))
         start = drives[0, : int(image.run_fields["n_motion_state"])].copy()
@@ -155,7 +158,10 @@ def amplitudes_of(run: CommunicationRun, first: Array, histories: Mapping[int, t
     dt, columns = run.drives.dt, [np.zeros((n + 1, 0))]
     instants = dt * np.arange(n + 1.0)
     for i, kind in enumerate(run.sources.kinds):
-        column = np.interp(instants, *histories[i]) if i in histories else np.full(n + 1, first[i, 0])
+        if i in histories:
+            column = np.interp(instants, *histories[i])
+        else:
+            column = np.full(n + 1, first[i, 0])
         if kind == DISPLACEMENT:
             rates = np.diff(column) / dt
             column = np.append(rates, rates[-1])

@@ -64,7 +64,9 @@ class SceneEngine:
         """The engine for these amplitudes of the inputs at the start."""
         before = self._started.run
         run = self._started.of(starts)
-        return self._build(run) if self.engine is None or run is not before else self.engine
+        if self.engine is None or run is not before:
+            return self._build(run)
+        return self.engine
 
     def _build(self, run: CommunicationRun) -> Engine:
         if self.engine is not None:
@@ -73,7 +75,10 @@ class SceneEngine:
             self._table, self._scene, run, Identity(f"{self._identity} {package_version()}", endless=True)
         )
         records = self._settings.keep or self._settings.prescribed
-        most = 1 if records and self._reads_fields else run.steps
+        if records and self._reads_fields:
+            most = 1
+        else:
+            most = run.steps
         handed = HandedRun(run, table, self._notify if records else None, most, whole=True)
         self._known = {}
         sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
@@ -139,7 +144,10 @@ class SceneEngine:
         InputError : bytes that are no state of this scene and these settings; nothing changes. SolverError : histories
             of prescribed mode that do not converge.
         """
-        engine = self.ready(loads.starts()) if self.engine is None else self.engine
+        if self.engine is None:
+            engine = self.ready(loads.starts())
+        else:
+            engine = self.engine
         engine.restore(state)
         now, first = engine.inputs()
         start = GivenLoads(self._scene)
@@ -184,8 +192,12 @@ class SceneEngine:
         """What was recorded of the last step; in prescribed mode of the whole interval."""
         if isinstance(self._record, WholeRecord):
             whole = self._record.segment()
-            return [] if whole is None else [whole]
-        return [] if self._record is None else self._record.segments
+            if whole is None:
+                return []
+            return [whole]
+        if self._record is None:
+            return []
+        return self._record.segments
 
     def window(self) -> tuple[Array, dict[str, InterfaceHistory]]:
         """Instants (n,) of the last step, s since the start, and histories of the interfaces over them."""

@@ -138,7 +138,9 @@ class SegmentState:
         """The instant after so many time steps, and the n following ones, (n + 1,), s."""
         end = steps + n + 1
         # beyond the interval of the scene by the step: a session may go on
-        return self._grid[steps:end] if end <= len(self._grid) else self.dt * np.arange(steps, float(end))
+        if end <= len(self._grid):
+            return self._grid[steps:end]
+        return self.dt * np.arange(steps, float(end))
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
         """Solve the static equilibrium that the scene starts from, before the first segment, for these amplitudes of
@@ -295,7 +297,8 @@ class SegmentedRun(SegmentState):
                 if term in energy:
                     energy[term] = energy[term] + self.running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
-            self.stored = first if self.stored is None else self.stored
+            if self.stored is None:
+                self.stored = first
             # the balance of a segment counts from its first instant, that of the session from t = 0
             energy["balance"] = energy["balance"] + (first - self.stored)
         converged, sentence = run.status(energy, self.stored)

@@ -59,7 +59,10 @@ class Session:
 
     def __init__(self, scene: Scene, settings: Settings | None = None) -> None:
         scene = completed(scene)  # variables are named after interfaces
-        self.settings = Settings() if settings is None else settings
+        if settings is None:
+            self.settings = Settings()
+        else:
+            self.settings = settings
         self.scene = self.settings.applied(scene)
         self.table = scalar_table(scene)
         self.outputs = tuple(v.name for v in self.table if v.causality == "output")
@@ -186,12 +189,16 @@ class Session:
     def instant(self) -> tuple[int, int]:
         """Index of the present instant in ``window``, and number of instants there."""
         engine = self._solver.engine
-        return (-1, 0) if engine is None or not self.started else engine.instant()
+        if engine is None or not self.started:
+            return (-1, 0)
+        return engine.instant()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Remarks about the scene, known after ``initialize``."""
-        return () if self._solver.run is None else self._solver.run.problem.warnings
+        if self._solver.run is None:
+            return ()
+        return self._solver.run.problem.warnings
 
     def estimate_error(self) -> ErrorEstimate:
         """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval).
@@ -240,7 +247,11 @@ class Session:
         """
         del check
         n = len(_MAGIC)
-        state = blob[n + 32 :] if blob[:n] == _MAGIC else blob  # what is no state is refused by the engine
+        # what is no state is refused by the engine
+        if blob[:n] == _MAGIC:
+            state = blob[n + 32 :]
+        else:
+            state = blob
         identity = blob[n : n + 32].decode(errors="replace").strip()
         with computable():
             engine = self._solver.restore(state, self._loads)
@@ -276,7 +287,9 @@ def result_tree(
 
 
 def _segments(settings: Settings, solver: SceneEngine, steps: Sequence[AcceptedStep]) -> list[Segment]:
-    return solver.segments if settings.prescribed else [segment for step in steps for segment in step.segments]
+    if settings.prescribed:
+        return solver.segments
+    return [segment for step in steps for segment in step.segments]
 
 
 def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep], units: UnitSystem = SI) -> xr.Dataset:
@@ -295,7 +308,10 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep], u
     places = {variable.name: i for i, variable in enumerate(outputs)}
     for i, variable in enumerate(outputs):
         match = _COMPONENT.fullmatch(variable.name)
-        three = [places.get(f"{match[1]}[{k}]", -1) for k in (1, 2, 3)] if match else [-1]
+        if match:
+            three = [places.get(f"{match[1]}[{k}]", -1) for k in (1, 2, 3)]
+        else:
+            three = [-1]
         if match is None or min(three) < 0:  # a port may have one or two components
             columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable, units))
         # the first of three components writes the vector
@@ -312,7 +328,9 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep], u
 def _attributes(variable: Variable, units: UnitSystem) -> dict[str, str]:
     """netCDF attributes of a variable in the units of the scene."""
     meaning = {"long_name": variable.description}
-    return meaning if variable.unit is None else {"units": units.label(variable.unit), **meaning}
+    if variable.unit is None:
+        return meaning
+    return {"units": units.label(variable.unit), **meaning}
 
 
 def _plain(name: str) -> str:

@@ -48,7 +48,9 @@ class Settings:
 
     def step_of(self, scene: Scene) -> float:
         """Time step of a scene under these settings, s."""
-        return scene.time.time_step if self.time_step is None else self.time_step
+        if self.time_step is None:
+            return scene.time.time_step
+        return self.time_step
 
     def problems(self) -> list[Problem]:
         """Problems of the settings that are out of range; mode and interpolation are looked at by the runtime."""
@@ -100,7 +102,9 @@ class Settings:
                 n = min(max(n, math.ceil(end / step - EARLY)), MAX_INSTANTS)
                 end = n * step
             changes["time"] = scene.time.model_copy(update={"end": end, "step": None, "instants": n})
-        return scene.model_copy(update=changes) if changes else scene
+        if changes:
+            return scene.model_copy(update=changes)
+        return scene
 
 
 def _is_span(value: float | None) -> bool:

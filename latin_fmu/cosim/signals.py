@@ -97,7 +97,9 @@ class SignalPlaces:
         names = (*self._drives.sources.inputs, *self._drives.sources.laws)
         # behind the motion state stand the amplitudes before the step; those at the instant come after them
         first = self._drive + self._drives.n_state + len(names)
-        return first + names.index(name) if name in names else None
+        if name in names:
+            return first + names.index(name)
+        return None
 
     def _add_load(self, rows: Any, row: int, name: str, amplitude: Array, share: float) -> None:
         """Add ``share`` times the amplitude of a load, a signal where it varies."""
@@ -252,7 +254,8 @@ class Signals(SignalPlaces):
             n = unit.geometry.n_point
             unknowns, fields = self._unknowns(i, row_matrix.shape[0]), self._unit_fields(i, row_matrix.shape[0])
             parts = [fields.traction.reshape(-1, 1, n, 3), fields.velocity]
-            parts += [] if fields.gap is None else [fields.gap.reshape(-1, 1, n, 1)]
+            if fields.gap is not None:
+                parts += [fields.gap.reshape(-1, 1, n, 1)]
             for values in parts:
                 unknown, side, p, axis = np.nonzero(values)
                 size = int(np.prod(values.shape[1:]))
@@ -275,7 +278,8 @@ class Signals(SignalPlaces):
         # traction of side E alone, whose opposite is that of E'; velocities of both sides, n_flat later
         parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
         parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
-        parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)] if i in table.slide else []
+        if i in table.slide:
+            parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)]
         # six numbers a point: three components of each side
         return np.concatenate(parts).astype(np.int64)
 
@@ -310,7 +314,9 @@ class Signals(SignalPlaces):
             if axis // 3 == turned:
                 incident[axis % 3, place], impedance[axis % 3] = 1.0, z
         braked = sp.csr_array(sp.diags_array(impedance) @ self.port_motion(name, turned, 1))
-        return sp.csr_array(incident) - braked if sign > 0.0 else 2.0 * braked - sp.csr_array(incident)
+        if sign > 0.0:
+            return sp.csr_array(incident) - braked
+        return 2.0 * braked - sp.csr_array(incident)
 
     def tension(self, name: str) -> sp.csr_array:
         """Tension of a bolt."""

@@ -53,7 +53,10 @@ class StartedRun:
         """A new run for these amplitudes."""
         self.forget()
         laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
-        scene = with_laws(self._scene, laws) if laws else self._scene
+        if laws:
+            scene = with_laws(self._scene, laws)
+        else:
+            scene = self._scene
         with computable():
             self.run, self.starts = CommunicationRun(scene, self._tolerance, python=True), dict(starts)
         return self.run

@@ -69,7 +69,9 @@ class StepHistory:
     @property
     def identity(self) -> str:
         """Identity of the last step; empty before the first."""
-        return self._forgotten if self.head is None else self.head.identity
+        if self.head is None:
+            return self._forgotten
+        return self.head.identity
 
     def append(self, step: AcceptedStep) -> None:
         """Add a step after the last one."""
@@ -176,7 +178,9 @@ def _since_the_start(parts: Sequence[dict[str, Array] | None]) -> dict[str, Arra
 
 def _joined_energies(parts: Sequence[dict[str, Array] | None]) -> dict[str, Array] | None:
     terms = [part for part in parts if part is not None]
-    return {term: _joined_arrays([part[term] for part in terms]) for term in terms[0]} if terms else None
+    if terms:
+        return {term: _joined_arrays([part[term] for part in terms]) for term in terms[0]}
+    return None
 
 
 def _joined_substructure(parts: Sequence[SubstructureHistory]) -> SubstructureHistory:

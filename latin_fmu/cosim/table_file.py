@@ -110,7 +110,9 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
         return "points", places[name], 0
     scalar = f"interface.{interface}.{what}"
     # components follow each other
-    return ("window", places[scalar], 1) if scalar in places else ("window", places[f"{scalar}[1]"], 3)
+    if scalar in places:
+        return ("window", places[scalar], 1)
+    return ("window", places[f"{scalar}[1]"], 3)
 
 
 def output_places(table: Sequence[Variable], run: CommunicationRun) -> dict[str, int]:
@@ -241,7 +243,10 @@ def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str,
 def _whole_numbers(run: CommunicationRun, endless: bool) -> Iterator[tuple[int, float, float]]:
     """Numbers of the state that the kernels take for whole ones: place, least and largest."""
     record = run.image.run[0]
-    last = -1 if endless else int(record["law_end"])
+    if endless:
+        last = -1
+    else:
+        last = int(record["law_end"])
     yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53  # whole numbers are exact up to there
     most = float(record["max_iterations"])
     # negative where no step ended the last instant (``newton.keep_course``)

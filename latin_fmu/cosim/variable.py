@@ -57,7 +57,9 @@ def is_wave(name: str) -> bool:
 
 def variable_of(name: str) -> str:
     """Beginning of the names of the variables of an input: ``load.NAME``, else the name of the input."""
-    return name if "." in name else f"load.{name}"
+    if "." in name:
+        return name
+    return f"load.{name}"
 
 
 def input_variable(name: str, what: str) -> str:
@@ -66,7 +68,9 @@ def input_variable(name: str, what: str) -> str:
     port = _PORT.fullmatch(name)
     if port is None:
         return f"{variable_of(name)}.{what}"
-    return name if what == "value" else f"{port[1]}{what.capitalize()}{port[3]}"
+    if what == "value":
+        return name
+    return f"{port[1]}{what.capitalize()}{port[3]}"
 
 
 def input_of(variable: str) -> tuple[str, str]:

@@ -164,7 +164,8 @@ def run_size(discretised: DiscretisedProblem, grouped: GroupedAssembly | None = 
     output = scene.output
     effort = _effort(discretised)
     bodies = {m.name: [m.name] for c in marched.classes for m in c.members}
-    bodies |= {} if grouped is None else {g.model.name: list(g.where) for g in grouped.groups}
+    if grouped is not None:
+        bodies |= {g.model.name: list(g.where) for g in grouped.groups}
     classes, interfaces = [], interfaces_of(scene)
     sizes = iterated(marched, [class_size(c.members[0], len(c.members), interfaces) for c in marched.classes])
     for c, size in zip(marched.classes, sizes, strict=True):
@@ -237,7 +238,10 @@ def _effort(d: DiscretisedProblem) -> float:
     weights, elastic = d.scheme.operator(d.dt), (c.members[0].reduced for c in d.classes if c.members[0].nodal is None)
     ratios = [stiffness_over_inertia(weights, mass, stiffness) for mass, _, stiffness in elastic]
     ratios = [ratio for ratio in ratios if ratio > 0.0]
-    decades = float(np.mean(np.log10(np.add(1.0, ratios)))) if ratios else 0.0
+    if ratios:
+        decades = float(np.mean(np.log10(np.add(1.0, ratios))))
+    else:
+        decades = 0.0
     moving = characteristic_traction(d.scene, d.bodies, d.time)
     relative = d.scene.solver.tolerance * (d.characteristic_traction / moving if moving else 1.0)
     stricter = max(0.0, float(np.log10(_TOLERANCE / relative)))
@@ -301,7 +305,10 @@ def operator_counts(run: RunSize) -> Array:
 def march_counts(run: RunSize) -> Array:
     """Operations of all instants, with the start and the stored quantities."""
     # iterations of one instant are products with condensed matrices; those of a longer window march again
-    sweeps = 1.0 if run.window == 1 else run.iterations + 1.0
+    if run.window == 1:
+        sweeps = 1.0
+    else:
+        sweeps = run.iterations + 1.0
     if run.sequential:
         sweeps = _SEQUENTIAL
     elif run.window >= run.n_instant > 1:
@@ -313,7 +320,10 @@ def march_counts(run: RunSize) -> Array:
         # K alone has factors of its own, made and left before the march: no tables, products in double precision
         sizes = (replace(c.size, columns=0.0, product=2.0 * c.size.swept) for c in run.classes)
         classes = tuple(replace(c, size=size) for c, size in zip(run.classes, sizes, strict=True))
-        iterations = _CLOSELY_LARGE if any(c.size.swept for c in classes) else _CLOSELY
+        if any(c.size.swept for c in classes):
+            iterations = _CLOSELY_LARGE
+        else:
+            iterations = _CLOSELY
         start = replace(run, classes=classes, static=True, window=1, iterations=iterations)
         total += run.increments * _instant(start) + operator_counts(start)
     elif run.unbalanced:
@@ -324,7 +334,10 @@ def march_counts(run: RunSize) -> Array:
 
 def _instant(run: RunSize) -> Array:
     """One instant of all classes and interfaces (of one sweep, where a window has several)."""
-    iterations = run.iterations if run.window == 1 or run.static else 1.0
+    if run.window == 1 or run.static:
+        iterations = run.iterations
+    else:
+        iterations = 1.0
     total = numbers(value=(iterations + 2.0) * run.n_flat)
     memory = 0.0
     for c in run.classes:
@@ -334,7 +347,10 @@ def _instant(run: RunSize) -> Array:
     if run.static:
         total += numbers(call=(min(iterations, STATIC) + 2.0) * len(run.classes))
     # the part of the operators that each instant reads from memory again
-    beyond = max(0.0, 1.0 - CACHE / memory) if memory else 0.0
+    if memory:
+        beyond = max(0.0, 1.0 - CACHE / memory)
+    else:
+        beyond = 0.0
     return total * (1.0 + numbers(entry=beyond))  # on entries alone: the others stay as counted
 
 
@@ -344,7 +360,10 @@ def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     n = float(size.unknowns)
     condensed = (iterations + 1.0) * size.channels**2
     # entries are counted as numbers of 8 bytes: one in single precision is half of one
-    factor = size.factor if run.propagator.precision == "float64" else 0.5 * size.factor
+    if run.propagator.precision == "float64":
+        factor = size.factor
+    else:
+        factor = 0.5 * size.factor
     dense = 2.0 * size.interface**2 + condensed
     if size.swept:  # of the march; of the force residual, by tables where steps are short; of the iteration
         dense = (4.0 if size.product >= 2.0 * size.swept else 2.0) * size.swept + iterations * size.product
@@ -480,7 +499,10 @@ def iterated(d: DiscretisedProblem, sizes: Sequence[ClassSize]) -> list[ClassSiz
     """The sizes with what a product by substitution reads: half where the iteration may take single precision."""
     settings = settings_of(d.scene)
     rough = min(settings.tolerance, settings.force_tolerance) >= ROUGH
-    half = 0.5 if rough and short_steps(d, sizes) else 1.0
+    if rough and short_steps(d, sizes):
+        half = 0.5
+    else:
+        half = 1.0
     return [replace(s, product=half * s.product) for s in sizes]
 
 
@@ -586,7 +608,9 @@ class MemoryNeed:
 
 def amount(size: float) -> str:
     """Bytes as MB or GB."""
-    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+    if size >= 1e9:
+        return f"{size / 1e9:.3g} GB"
+    return f"{size / 1e6:.3g} MB"
 
 
 def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
@@ -612,8 +636,14 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
     per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
     per_node += 3 * (output.principal_stress and output.nodal_stress)
-    stored = run.n_instant // run.every + 1 if output.keeps_fields or output.stress else 0
-    terms = len(TERMS) * (2 * members + 2) + 12 + 6 * len(units) if output.energy else 0
+    if output.keeps_fields or output.stress:
+        stored = run.n_instant // run.every + 1
+    else:
+        stored = 0
+    if output.energy:
+        terms = len(TERMS) * (2 * members + 2) + 12 + 6 * len(units)
+    else:
+        terms = 0
     window = run.n_instant / run.window
     unknowns = sum(c.size.members * c.size.unknowns for c in run.classes)
     return MemoryNeed(
@@ -638,7 +668,10 @@ def _derivative_bytes(p: Prediction, numbers: float) -> float:
 
     images = _IMAGE + (_VARIED if any(name.startswith("material.") for name in names) else 0.0)
     # copies of the run for the runs that check derivatives
-    copies = 0 if p.scene.output.check_sensitivities == "none" else min(len(names) + 1, MOST)
+    if p.scene.output.check_sensitivities == "none":
+        copies = 0
+    else:
+        copies = min(len(names) + 1, MOST)
     return 8.0 * (len(names) + copies) * numbers + images * p.memory
 
 
@@ -672,7 +705,10 @@ def least_output(p: Prediction) -> float:
 def memory_line(p: Prediction, stream: bool = False) -> str:
     """A line on the memory that a run needs and may take."""
     need, (room, limit) = memory_need(p, stream), memory_room()
-    free = f"; available memory {amount(room)} ({limit})" if limit else ""
+    if limit:
+        free = f"; available memory {amount(room)} ({limit})"
+    else:
+        free = ""
     return f"memory: about {amount(need.total)} ({need.text()}){free}"
 
 
@@ -716,8 +752,11 @@ def _remedy(p: Prediction, need: MemoryNeed, room: float) -> str:
         else:
             # interfaces are always kept: no key turns them off
             settings += [f"output.{key} = false" for key in keys if getattr(output, key)]
-            rest = others if keys else rest
+            if keys:
+                rest = others
     if rest > room:
         operators = need.operators > 0.5 * room
         settings.append("a coarser mesh" if operators else "fewer instants (time.instants)")
-    return f"it fits with {' and '.join(settings)}" if rest <= room else f"use {', '.join(settings)}"
+    if rest <= room:
+        return f"it fits with {' and '.join(settings)}"
+    return f"use {', '.join(settings)}"

@@ -93,9 +93,12 @@ class Explanation:
         lines += ["", "Suggestions (nothing is changed automatically):"]
         for suggestion in self.suggestions:
             lines += suggestion.lines(_WIDTH)
-        lines += [] if self.suggestions else ["  none"]
-        lines += ["", *(f"warning: {w}" for w in self.warnings)] if self.warnings else []
-        lines += ["", *(f"not checked: {text}" for text in self.unchecked)] if self.unchecked else []
+        if not self.suggestions:
+            lines += ["  none"]
+        if self.warnings:
+            lines += ["", *(f"warning: {w}" for w in self.warnings)]
+        if self.unchecked:
+            lines += ["", *(f"not checked: {text}" for text in self.unchecked)]
         return "\n".join(lines)
 
     def _headline(self) -> str:
@@ -113,8 +116,10 @@ class Explanation:
         """Reason, numbers, keys and switch of an effect that is on."""
         share = effect.cost / self.prediction["cpu_seconds_instant"]
         numbers = [f"{effect.unknowns} unknowns"] if effect.unknowns else []
-        numbers += [readable(effect.memory, "B", 3)] if effect.memory else []
-        numbers += [f"{100 * share:.0f} % of an instant"] if share >= 0.005 else []
+        if effect.memory:
+            numbers += [readable(effect.memory, "B", 3)]
+        if share >= 0.005:
+            numbers += [f"{100 * share:.0f} % of an instant"]
         head = f"  {effect.name}: {effect.reason}" + (f" [{', '.join(numbers)}]" if numbers else "")
         lines = textwrap.wrap(head, _WIDTH, subsequent_indent="      ")
         if effect.kernels:
@@ -192,7 +197,10 @@ def _interfaces(p: Prediction) -> str:
         return "dense matrices"
     read, whole = (readable(8.0 * max(x), "B", 3) for x in ([s.swept for s in large], [s.factor for s in large]))
     dense = readable(8.0 * max(0.5 * s.channels**2 for s in large), "B", 3)
-    others = "" if len(large) == len(p.run.classes) else "; others dense"
+    if len(large) == len(p.run.classes):
+        others = ""
+    else:
+        others = "; others dense"
     where = f"{', '.join(names[:_SHOWN])}{' ...' if len(names) > _SHOWN else ''}{others}"
     if (tables := p.tables) is not None:
         reach = readable(tables.reach, p.scene.unit_system.label("m"), 3)
@@ -204,7 +212,10 @@ def _interfaces(p: Prediction) -> str:
 def choices(p: Prediction) -> dict[str, str]:
     """Window, search direction, acceleration and propagator, in words."""
     solver, run = p.scene.solver, p.run
-    window = f"windows of {run.window} instants" if run.window > 1 else "windows of one instant"
+    if run.window > 1:
+        window = f"windows of {run.window} instants"
+    else:
+        window = "windows of one instant"
     if solver.window == WHOLE:
         window = f"one window over all {run.n_instant} instants"
     direction: str = solver.search_direction.type
@@ -280,7 +291,10 @@ class Suggestion:
         lines = textwrap.wrap(f"* {sentence}", width, initial_indent="  ", subsequent_indent="    ")
         if self.settings:
             # a factor that rounds to 1 is no saving
-            cost = "" if self.factor is None or self.factor > 0.995 else f"   (predicted cost x {self.factor:.2g})"
+            if self.factor is None or self.factor > 0.995:
+                cost = ""
+            else:
+                cost = f"   (predicted cost x {self.factor:.2g})"
             lines.append("    " + " ".join(f"--set {s}" for s in self.settings) + cost)
         return lines
 
@@ -395,7 +409,10 @@ def _stored(p: Prediction, effects: list[Effect]) -> Iterator[Suggestion]:
     terms = [name for name in ("interior history", "stress") if cost.get(name, 0.0) > COSTLY]
     if terms and p.run.every == 1 and p.run.n_instant >= 2 * TENTH:
         share = sum(cost[name] for name in terms)
-        verb = "take" if len(terms) > 1 else "takes"
+        if len(terms) > 1:
+            verb = "take"
+        else:
+            verb = "takes"
         yield Suggestion(
             f"{' and '.join(terms)} {verb} {100 * share:.0f} % of every instant",
             (f"output.every={TENTH}",),

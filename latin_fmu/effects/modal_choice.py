@@ -118,7 +118,9 @@ def truncation_error(scene: Scene, fine: Outcome, coarse: Outcome) -> Truncation
 
 def _error(change: float, of_spectrum: bool) -> float:
     """Relative error of a quantity from its change; NaN where one march does not have it."""
-    return change if change > _WITHOUT_ORDER else change / (_OF_SPECTRUM if of_spectrum else _CHANGE)
+    if change > _WITHOUT_ORDER:
+        return change
+    return change / (_OF_SPECTRUM if of_spectrum else _CHANGE)
 
 
 def solution_of(scene: Scene, outcome: Outcome) -> Solution:
@@ -132,7 +134,9 @@ def _work_of_errors(outcome: Outcome) -> float:
     if energy is None or "drift_work" not in energy:
         return 0.0
     friction = float(np.abs(energy["friction_dissipation"]).max(initial=0.0))
-    return float(np.abs(energy["drift_work"]).max(initial=0.0)) / friction if friction > 0.0 else 0.0
+    if friction > 0.0:
+        return float(np.abs(energy["drift_work"]).max(initial=0.0)) / friction
+    return 0.0
 
 
 def _apart(discretised: DiscretisedProblem, interfaces: Mapping[str, InterfaceHistory]) -> str:

@@ -143,7 +143,10 @@ def elasticity(p: Prediction) -> Effect:
     reason = f"{len(keys)} deformable substructure(s) in {len(sizes)} class(es) of identical ones"
     kernels = "factorisation", "half solves", "stiffness product"
     still = p.run.static or p.scene.time.start.type == "static"
-    switch = "none: an equilibrium needs elastic bodies" if still else "rigid = true for bodies that do not deform"
+    if still:
+        switch = "none: an equilibrium needs elastic bodies"
+    else:
+        switch = "rigid = true for bodies that do not deform"
     cost = saved(p, p.run.scaled(stiffness=0.0, factor=0.0))
     unknowns = sum(s.members * s.unknowns for s in sizes)
     memory = int(sum(8 * (s.factor + s.interface**2) + 12 * s.stiffness for s in sizes))
@@ -210,7 +213,9 @@ def body_force(p: Prediction) -> Effect:
     reason = "nodal forces times their laws"
     switch = "a body_force, or [gravity]"
     effect = _driven(p, "body force", keys, none, reason, switch)
-    return replace(effect, cost=saved(p, replace(p.run, unbalanced=False))) if keys else effect
+    if keys:
+        return replace(effect, cost=saved(p, replace(p.run, unbalanced=False)))
+    return effect
 
 
 def loads(p: Prediction) -> Effect:
@@ -236,7 +241,8 @@ def bolts(p: Prediction) -> Effect:
 def initial_motion(p: Prediction) -> Effect:
     """Initial velocities, spins and displacements."""
     keys = tuple(f"substructure.{n}.{k}" for n, s in p.scene.substructure.items() for k in s.initial_keys)
-    keys += ("motion.velocity",) if p.scene.thrown else ()
+    if p.scene.thrown:
+        keys += ("motion.velocity",)
     if not keys:
         switch = "initial_velocity, initial_spin, initial_displacement or [motion]"
         return _off("initial motion", ["substructure.*.initial_velocity"], "all bodies start at rest", switch)
@@ -364,7 +370,9 @@ def _cost(p: Prediction, units: Units, n: int) -> float:
         return whole
     rubbing = saved(p, without_friction(p, [u for u in units if u.behaviour.n_component > 1]))
     tangential = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
-    return rubbing if n == tangential else max(0.0, whole - rubbing)
+    if n == tangential:
+        return rubbing
+    return max(0.0, whole - rubbing)
 
 
 # -- stored quantities ------------------------------------------------------------------------------------------------

@@ -54,7 +54,10 @@ def blended_mass(consistent: sp.csr_array, lumped: Array | None, share: float) -
     """
     if share == 1.0:
         return consistent
-    sums = consistent @ np.ones(consistent.shape[0]) if lumped is None else lumped
+    if lumped is None:
+        sums = consistent @ np.ones(consistent.shape[0])
+    else:
+        sums = lumped
     return sp.csr_array(share * consistent + (1.0 - share) * sp.diags_array(sums))
 
 
@@ -244,7 +247,10 @@ def _swept(mesh: Mesh, block: CellBlock, bare: Mask, speed: Callable[[Array], Ar
         nodes = block.cells[:, np.array(face)]
         corner = mesh.nodes[nodes[:, : FACET_CORNERS[FACET_KIND[len(face)]]]]
         # half the cross product of the diagonals is the vector area of a quadrilateral, warped ones included
-        arms = corner[:, 2:] - corner[:, :-2] if corner.shape[1] == 4 else corner[:, 1:] - corner[:, :1]
+        if corner.shape[1] == 4:
+            arms = corner[:, 2:] - corner[:, :-2]
+        else:
+            arms = corner[:, 1:] - corner[:, :1]
         facets = np.flatnonzero(bare[nodes].all(axis=1))
         vectors = 0.5 * np.cross(arms[facets, 0], arms[facets, 1])
         areas = np.linalg.norm(vectors, axis=1)

@@ -114,7 +114,9 @@ def _better(x: Array, graph: tuple[Index, Index], side: Index) -> Index | None:
     # at most as many nodes as counted in ``_best_cut``: the score is taken anew
     side[_cover(graph, lower)] = 1
     low, between, high = np.bincount(side, minlength=3)[:3].tolist()
-    return side if low and high and _score(between, low, high) < _BETTER * now else None
+    if low and high and _score(between, low, high) < _BETTER * now:
+        return side
+    return None
 
 
 def _score(between: float, low: float, high: float) -> float:

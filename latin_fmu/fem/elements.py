@@ -387,7 +387,9 @@ class MeanStress:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
         slopes = [np.swapaxes(mean, 1, 2) @ displacement[cells] for cells, mean in self._means]
         stress = self._material.stress(_symmetric(np.concatenate(slopes)))
-        return stress if self._moduli is None else self._moduli[:, None] * stress
+        if self._moduli is None:
+            return stress
+        return self._moduli[:, None] * stress
 
 
 class Recovery:

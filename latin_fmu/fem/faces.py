@@ -221,12 +221,17 @@ class Face:
     @property
     def positive_areas(self) -> Array:
         """Areas of the points in contact, L^T areas, all > 0, (n_point,), m2."""
-        return self.areas if self.change is None else self.change.T @ self.areas
+        if self.change is None:
+            return self.areas
+        return self.change.T @ self.areas
 
     @property
     def normals(self) -> Array:
         """Unit outward normal at each node, (n_point, 3)."""
-        vector = self.vector_areas if self.change is None else self.change.T @ self.vector_areas
+        if self.change is None:
+            vector = self.vector_areas
+        else:
+            vector = self.change.T @ self.vector_areas
         return np.asarray(vector / np.linalg.norm(vector, axis=1)[:, None])
 
 
@@ -400,8 +405,14 @@ class Pieces:
         """Areas times unit normals, (n_piece, 3), m2."""
         c = self.corners
         # diagonals of a quadrilateral, two edges of a triangle: half the cross product is the vector area
-        second = c[:, 3] - c[:, 1] if c.shape[1] == 4 else c[:, 2] - c[:, 1]
-        first = c[:, 2] - c[:, 0] if c.shape[1] == 4 else c[:, 1] - c[:, 0]
+        if c.shape[1] == 4:
+            second = c[:, 3] - c[:, 1]
+        else:
+            second = c[:, 2] - c[:, 1]
+        if c.shape[1] == 4:
+            first = c[:, 2] - c[:, 0]
+        else:
+            first = c[:, 1] - c[:, 0]
         return np.asarray(0.5 * np.cross(first, second))
 
     @cached_property

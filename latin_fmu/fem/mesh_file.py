@@ -103,7 +103,9 @@ def _no_group(content: MeshContent) -> str | None:
     """Remedy where a file names no volume."""
     if content.volumes:
         return None
-    return "leave group out to take the whole file" if content.solids else "the file holds no solid cells"
+    if content.solids:
+        return "leave group out to take the whole file"
+    return "the file holds no solid cells"
 
 
 def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
@@ -207,7 +209,10 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
     """
     places = cell_functions(block.cell_type).nodes
     # without the apex of a pyramid, where the Jacobian is 0
-    places = np.delete(places, 4, axis=0) if N_CORNER[block.cell_type] == 5 else places[:20]
+    if N_CORNER[block.cell_type] == 5:
+        places = np.delete(places, 4, axis=0)
+    else:
+        places = places[:20]
     points = np.concatenate([places, cell_rule(block.cell_type).points])
     rule = Rule(points, np.ones(len(points)))
     low, high = np.zeros((2, len(block.cells)))
@@ -296,7 +301,10 @@ def _children(kind: str) -> tuple[Array, Index]:
         inside = np.einsum("na,pai->pni", at, _corners_of_parts(linear))
     # rounded: a place that two parts share is one node
     places, children = np.unique(inside.reshape(-1, inside.shape[2]).round(9), axis=0, return_inverse=True)
-    functions = shape(kind, places) if kind in FACET_CORNERS else cell_functions(kind).values(places)
+    if kind in FACET_CORNERS:
+        functions = shape(kind, places)
+    else:
+        functions = cell_functions(kind).values(places)
     return functions, children.reshape(inside.shape[:2])
 
 

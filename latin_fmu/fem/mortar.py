@@ -118,7 +118,9 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None, ends:
     facing = np.einsum("ci,ci->c", slope[cell], normal[cell])
     distance = np.einsum("ci,ci->c", offset, slope[cell]) / facing  # no division by zero: ``_OPPOSED``
     cells = Cells(one[cell], two[cell], corners, mine_there[cell], theirs_there[cell], distance)
-    return cells if reach is None else cells.picked(np.abs(distance) <= reach)
+    if reach is None:
+        return cells
+    return cells.picked(np.abs(distance) <= reach)
 
 
 def _plane_axes(pieces: Pieces, rows: Index) -> tuple[Array, Array]:

@@ -314,4 +314,6 @@ def volume_rule(cell_type: str, n: int) -> Rule:
     line = _line(n)
     if cell_type.startswith(("hexahedron", "pyramid")):
         return _times(_times(line, line), line)
-    return _times(simplex_rule(n, 2), line) if cell_type.startswith("wedge") else simplex_rule(n, 3)
+    if cell_type.startswith("wedge"):
+        return _times(simplex_rule(n, 2), line)
+    return simplex_rule(n, 3)

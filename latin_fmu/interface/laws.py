@@ -118,7 +118,9 @@ def bonds(behaviour: Behaviour) -> bool:
 
 def as_layer(behaviour: Behaviour) -> Layer | None:
     """The behaviour as one that stores energy, None where it does not."""
-    return cast(Layer, behaviour) if behaviour.elastic else None
+    if behaviour.elastic:
+        return cast(Layer, behaviour)
+    return None
 
 
 FRICTION: Final = "friction_coefficient"

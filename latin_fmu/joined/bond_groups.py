@@ -304,7 +304,9 @@ def _scaled(models: Sequence[SubstructureModel], shares: Mapping[str, float]) ->
 
 def _filled(matrix: sp.csr_array | None, n: int) -> sp.csr_array:
     """The matrix, or one without entries."""
-    return sp.csr_array((n, n)) if matrix is None else matrix
+    if matrix is None:
+        return sp.csr_array((n, n))
+    return matrix
 
 
 def _diagonal(matrices: Sequence[sp.csr_array]) -> sp.csr_array:

@@ -101,7 +101,8 @@ class BondRecovery:
         interfaces."""
         u, v, a = (np.ascontiguousarray(values[:, kind].T) for kind in range(3))
         x = self._k @ u + self._c @ v - self._loads @ self._amplitudes(now) - self._on @ f_hat[:, self._others].T
-        x = x if values.shape[1] == STRAIN else x + self._strained @ values[:, STRAIN].T
+        if values.shape[1] != STRAIN:
+            x = x + self._strained @ values[:, STRAIN].T
         forces = self._forces.carried(self._carried(np.asarray(x), np.asarray(self._m @ a), now.start == 0))
         tractions = []
         for i in self._group.bonded:
@@ -120,7 +121,10 @@ class BondRecovery:
             forces, residual = np.empty_like(x), before[0].copy()
             for t in range(n):
                 start = first and t == 0
-                residual = inertia[:, t] if start else (inertia[:, t] + memory * residual) / w
+                if start:
+                    residual = inertia[:, t]
+                else:
+                    residual = (inertia[:, t] + memory * residual) / w
                 forces[:, t] = x[:, t] + residual
             self.memory[0, :rows] = residual
             return forces
@@ -190,7 +194,10 @@ class BondedRecorder(Recorder):
                 model = p.members[j]
                 rows = place.full_rows(model, False)
                 faces[f"{key} {name}"] = self._placed(place.substructure, sp.csr_array(rows))
-                full = rows if model.nodal is None else rows @ model.nodal
+                if model.nodal is None:
+                    full = rows
+                else:
+                    full = rows @ model.nodal
                 moving = sp.csr_array(sp.csr_array(full) @ model.expansion)
                 if key == "motion" and moving[:, model.massless].nnz:
                     massless.add(name)

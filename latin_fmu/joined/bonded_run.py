@@ -85,7 +85,8 @@ def bonded_problem(
     ------
     TieError : sides of bonds are apart at t = 0, or move apart.
     """
-    grouped = grouped if start is None else grouped.displaced(start)
+    if start is not None:
+        grouped = grouped.displaced(start)
     grouped.check_start(discretised.units, discretised.layout)
     _, bodies, timeline = standing_bodies(discretised, start, discretised.scheme)
     layout, outer = bodies.layout, grouped.layout

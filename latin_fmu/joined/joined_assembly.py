@@ -85,14 +85,18 @@ class JoinedAssembly:
             joint, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
             if unit.name in pressed and unit.behaviour.opens and discretised.scene.bolt:
                 remark += " when the bolts are tight"
-            rows += [] if joint is None else [joint]
-            springs += [] if stiffness is None else [stiffness]
-            to_ground = to_ground if stiffness is None or not unit.against_ground else to_ground + stiffness
+            if joint is not None:
+                rows += [joint]
+            if stiffness is not None:
+                springs += [stiffness]
+            if not (stiffness is None or not unit.against_ground):
+                to_ground = to_ground + stiffness
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
             if isinstance(unit.behaviour, MaxwellJoint):
                 branch = MaxwellBranches((1.0,), (unit.behaviour.relaxation_time,))
                 relaxing.append(BranchedStiffness(branch, _layer(unit, parts, _stiffness(unit), _every(unit))))
-                grounded += relaxing[-1:] if unit.against_ground else []
+                if unit.against_ground:
+                    grounded += relaxing[-1:]
             if isinstance(unit.behaviour, ViscousJoint):
                 viscosity = [unit.behaviour.normal_viscosity, unit.behaviour.tangential_viscosity]
                 dashpots.append(_layer(unit, parts, np.repeat(viscosity, [1, 2]), _every(unit)))
@@ -254,7 +258,10 @@ class Parts:
         frames."""
         traces = []
         for side, face in enumerate(unit.sides):
-            trace = unit.geometry.local_trace(side, 3) if local else unit.geometry.traces[side]
+            if local:
+                trace = unit.geometry.local_trace(side, 3)
+            else:
+                trace = unit.geometry.traces[side]
             if trace is not None and (nodal := self.models[split_face(face)[0]].nodal) is not None:
                 trace = sp.csr_array(trace @ nodal)
             traces.append(trace)
@@ -281,7 +288,10 @@ def _joint(
     if joints == "open":
         return None, None, "open"
     # of the bolts: closed is what is under pressure when they are tight, whatever gap meshes have
-    closed = touching(unit) if pressed is None else pressed
+    if pressed is None:
+        closed = touching(unit)
+    else:
+        closed = pressed
     sticks = kind == "no_slip" or bool(coulomb_coefficient(unit.behaviour))
     share = f"{int(closed.sum())} of {geometry.n_point} points closed"
     words = f"{'sticking' if sticks else 'free to slide'}, {share}"

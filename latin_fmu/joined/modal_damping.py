@@ -81,7 +81,8 @@ class ModalDamping:
     def columns(self) -> dict[str, Array]:
         """Columns of the table by heading, % of critical damping; that of the bodies where they have damping."""
         shown = {"scheme": self.scheme, "landing layer": self.landing}
-        shown |= {"bodies": self.bodies} if self.bodies.any() else {}
+        if self.bodies.any():
+            shown |= {"bodies": self.bodies}
         return {f"{name}, %": 100 * ratio for name, ratio in shown.items()}
 
 
@@ -182,7 +183,10 @@ def run_matrices(
         faces, none = layers.get(name), sp.csr_array((model.n_full, model.n_full))
         mass, viscosity = (model.inertia, None) if faces is None else (faces.mass, faces.viscosity)
         if scheme.explicit and faces is not None:
-            mass = model.with_lumped_mass.inertia if faces.lumped is None else diagonal_matrix(faces.lumped)
+            if faces.lumped is None:
+                mass = model.with_lumped_mass.inertia
+            else:
+                mass = diagonal_matrix(faces.lumped)
         blocks.append((mass, none if viscosity is None else viscosity))
     whole = (sp.csr_array(sp.block_diag(matrices, format="csr")) for matrices in zip(*blocks, strict=True))
     return RunMatrices(scene, scheme, reason, discretised.dt, *whole)
@@ -276,7 +280,10 @@ def _remedy(scene: Scene, scheme: TimeScheme, dt: float, omega: Array, of_scheme
         parts.append(_lower_scheme(scene, scheme, dt, float(omega[np.argmax(of_scheme)])))
     if of_layer.max() >= largest:
         parts.append(_lower_layer(scene, dt, float(omega[worst]), float(of_scheme[worst])))
-    where = f"mode {above[0] + 1}" if len(above) == 1 else f"{len(above)} modes, most in mode {worst + 1}"
+    if len(above) == 1:
+        where = f"mode {above[0] + 1}"
+    else:
+        where = f"{len(above)} modes, most in mode {worst + 1}"
     head = f"numerical damping above {_percent(LIMIT)} of critical in {where} ({_percent(float(total[worst]))})"
     return "; ".join([f"{head}: {parts[0]}", *parts[1:]])
 
@@ -290,7 +297,10 @@ def _lower_scheme(scene: Scene, scheme: TimeScheme, dt: float, omega: float) -> 
     parts = next((n for n in _PARTS if scheme_damping(scheme, omega, dt / n) <= LIMIT), None)
     if parts is not None:
         by_step = scene.time.step is not None
-        key = f"time.step = {dt / parts:.12g}" if by_step else f"time.instants = {parts * scene.time.n_step}"
+        if by_step:
+            key = f"time.step = {dt / parts:.12g}"
+        else:
+            key = f"time.instants = {parts * scene.time.n_step}"
         ratio = _percent(scheme_damping(scheme, omega, dt / parts))
         words += f" ({key} leaves {ratio}, with {parts} times as many steps)"
     if isinstance(scheme, GeneralizedAlpha):
@@ -318,9 +328,18 @@ def _lower_layer(scene: Scene, dt: float, omega: float, of_scheme: float) -> str
 def _keys(scene: Scene, landing_damping: float, rho_inf: float | None = None) -> str:
     """The time scheme generalized_alpha as a scene has it, its spectral radius that of the scene where None."""
     table = scene.time.scheme
-    default = table.rho_inf if isinstance(table, GeneralizedAlphaTable) else GeneralizedAlphaTable().rho_inf
-    rho = default if rho_inf is None else rho_inf
-    radius = "" if rho == GeneralizedAlphaTable().rho_inf else f"rho_inf = {rho:g}, "
+    if isinstance(table, GeneralizedAlphaTable):
+        default = table.rho_inf
+    else:
+        default = GeneralizedAlphaTable().rho_inf
+    if rho_inf is None:
+        rho = default
+    else:
+        rho = rho_inf
+    if rho == GeneralizedAlphaTable().rho_inf:
+        radius = ""
+    else:
+        radius = f"rho_inf = {rho:g}, "
     return f'time.scheme = {{type = "generalized_alpha", {radius}landing_damping = {landing_damping:g}}}'
 
 

@@ -287,7 +287,10 @@ class RecoveredRecorder(Recorder):
         self._read_series(n)
         self._keep_fields()
         self._keep_stresses()
-        self._energy = self._whole_energy(recorder) if request.energy else np.zeros((n, N_TERM))
+        if request.energy:
+            self._energy = self._whole_energy(recorder)
+        else:
+            self._energy = np.zeros((n, N_TERM))
         if request.energy:
             self._series["energy"]["drift"][:n] = recorder.series("energy")["drift"]
         self._leave(n)
@@ -336,7 +339,10 @@ class RecoveredRecorder(Recorder):
                     continue
                 name = face.split(".")[0]
                 nodal = models[name].nodal
-                motion = trace if nodal is None else sp.csr_array(trace @ nodal)
+                if nodal is None:
+                    motion = trace
+                else:
+                    motion = sp.csr_array(trace @ nodal)
                 moved = self._motions.of(self._motions.placed(name, motion), 1)
                 slide[:n, side] = moved.reshape(n, -1, 3)
 
@@ -349,9 +355,11 @@ class RecoveredRecorder(Recorder):
                 c, member = places[place.substructure]
                 model = assembly.propagators[c].members[member]
                 full = place.full_rows(model, False)
-                full = full if model.nodal is None else full @ model.nodal
+                if model.nodal is not None:
+                    full = full @ model.nodal
                 values = motions.sensed(motions.placed(place.substructure, sp.csr_array(full)), model)
-                values = values if assembly.propagators[c].n_sensed > 3 else values[:, :3]
+                if not (assembly.propagators[c].n_sensed > 3):
+                    values = values[:, :3]
                 of = Reading(assembly, c, member, slice(0, n), self.rows.f_hat[:n])
                 self._series[key][name][:n] = place.read(values, of)
 
@@ -361,7 +369,8 @@ class RecoveredRecorder(Recorder):
         tied = self._march.tied
         model = next(m for m in tied.models if m.name == name)
         moved = motions.full(tied.where[name], kind, instants)
-        moved = moved if model.nodal is None else moved @ model.nodal.T
+        if model.nodal is not None:
+            moved = moved @ model.nodal.T
         return np.asarray(moved.reshape(len(instants), -1, 3))
 
     def _keep_fields(self) -> None:
@@ -393,7 +402,10 @@ class RecoveredRecorder(Recorder):
         motions = self._motions
         m = reduced.n_mode
         modes, relative = motions.modes[:n], motions.relative[:n]
-        speed = np.gradient(relative, march.bodies.dt, axis=0) if moved and n > 1 else np.zeros_like(relative)
+        if moved and n > 1:
+            speed = np.gradient(relative, march.bodies.dt, axis=0)
+        else:
+            speed = np.zeros_like(relative)
         k_d, m_d = (drives.shapes.T @ reduced.tied.times(kind, drives.shapes) for kind in (STIFFNESS, MASS))
         d, rate = drives.motions[0, :, :n].T, drives.motions[1, :, :n].T
         count = reduced.drives.shape[1]
@@ -432,12 +444,15 @@ class RecoveredRecorder(Recorder):
         total, histories = np.zeros(self.n_kept), self.interfaces()
         for i in self._march.reduced.tied.joints.linear:
             energy = histories[self._march.bodies.interfaces[i].name].layer_energy
-            total += 0.0 if energy is None else energy
+            if energy is not None:
+                total += energy
         return total
 
     def _terms(self) -> dict[str, Array]:
         """Energies of the assembly as a whole: those of single bodies are not followed."""
-        return {NAME: self._energy} if self.request.energy else {}
+        if self.request.energy:
+            return {NAME: self._energy}
+        return {}
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the bodies for which fields are requested; without energies."""

@@ -288,7 +288,10 @@ class ReducedAssembly:
         """Branches of all bodies, weighted by their strain energy in the elastic modes, each normed to 1."""
         strengths, times = list[float](), list[float]()
         for branches, stiffness in self._strained:
-            share = float((stiffness / self.values).mean()) if len(self.values) else 0.0
+            if len(self.values):
+                share = float((stiffness / self.values).mean())
+            else:
+                share = 0.0
             strengths += [share * g for g in branches.strengths]
             times += branches.times
         return MaxwellBranches(tuple(strengths), tuple(times))
@@ -326,7 +329,9 @@ class ReducedAssembly:
             energy = float((self._stiffness_of(model.name).diagonal() / self.values).sum())
             total += energy
             damped += energy * self.viscosities.get(model.name, 0.0)
-        return damped / total if total > 0.0 else 0.0
+        if total > 0.0:
+            return damped / total
+        return 0.0
 
     @cached_property
     def drives(self) -> Array:

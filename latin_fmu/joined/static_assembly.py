@@ -192,7 +192,8 @@ def point_springs(units: Sequence[InterfaceUnit], layout: Layout, bodies: Mappin
     stiffest = max(b.shape.elasticity.young_moduli[1] for b in bodies.values())
     for i, side, name in body_sides(units):
         modulus = bodies[name].shape.elasticity.young_moduli[0]
-        softness[layout.channels(i, side)] += 0.0 if bodies[name].rigid else 1.0 / modulus
+        if not bodies[name].rigid:
+            softness[layout.channels(i, side)] += 1.0 / modulus
     springs = np.zeros(layout.n_flat)
     for i, unit in enumerate(units):
         first, second = layout.channels(i, 0), layout.channels(i, 1)

@@ -69,7 +69,13 @@ class Joints(NamedTuple):
                 raise TieError(f"interface {unit.name} has dashpots between its sides, which modes do not follow")
             if unit.behaviour.elastic and not unit.behaviour.opens and (unit.preload or unit.geometry.gap.any()):
                 raise TieError(f"interface {unit.name} is a layer with a gap or a preload, which stresses it")
-            kind = bonded if bonds(unit.behaviour) else relative if unit.behaviour.opens else linear
+            if bonds(unit.behaviour):
+                kind = bonded
+            else:
+                if unit.behaviour.opens:
+                    kind = relative
+                else:
+                    kind = linear
             kind.append(i)
         return Joints(tuple(bonded), tuple(linear), tuple(relative))
 
@@ -226,7 +232,10 @@ def _block_inverse(matrix: sp.csr_array) -> tuple[sp.csr_array, list[Index]]:
         r, c = order[first : first + height], columns[second : second + width]
         first, second = first + height, second + width
         block = matrix[r][:, c].toarray()
-        inverse = la.pinv(block) if height == width and len(block) else np.zeros((0, 0))
+        if height == width and len(block):
+            inverse = la.pinv(block)
+        else:
+            inverse = np.zeros((0, 0))
         if height != width or not np.abs(inverse @ block - np.eye(height)).max(initial=0.0) < _NOTHING:
             apart.append(r)
             continue
@@ -359,14 +368,21 @@ def joint_rows(
     channels = list[Index]()
     for i in (*joints.bonded, *joints.relative):
         unit, first = units[i], layout.channels(i, 0)
-        sign = 1.0 if unit.geometry.owner == 0 else -1.0  # entries of the owner are the pivots
+        # entries of the owner are the pivots
+        if unit.geometry.owner == 0:
+            sign = 1.0
+        else:
+            sign = -1.0
         turn = sign * _global(unit, first.shape[1])
         rows.append(sp.csr_array(turn @ jump_rows(layout, trace, i)))
         if i in joints.relative:
             weights.append(turn)
             channels.append(first.ravel())
     n_bonded = sum(layout.channels(i, 0).size for i in joints.bonded)
-    of_relative = sp.block_diag(weights, format="csr") if weights else sp.csr_array((0, 0))
+    if weights:
+        of_relative = sp.block_diag(weights, format="csr")
+    else:
+        of_relative = sp.csr_array((0, 0))
     placed = sp.csr_array(sp.vstack([sp.csr_array((n_bonded, of_relative.shape[1])), of_relative]))
     return sp.csr_array(sp.vstack(rows)), placed, np.concatenate([np.zeros(0, dtype=np.int64), *channels])
 
@@ -403,7 +419,9 @@ def _matrix(model: SubstructureModel, kind: int) -> sp.csr_array:
     """STIFFNESS, MASS or DAMPING (n_full, n_full) of a body."""
     if kind == DAMPING:
         return _viscosity(model)
-    return model.stiffness if kind == STIFFNESS else model.inertia
+    if kind == STIFFNESS:
+        return model.stiffness
+    return model.inertia
 
 
 def _viscosity(model: SubstructureModel) -> sp.csr_array:
@@ -411,7 +429,9 @@ def _viscosity(model: SubstructureModel) -> sp.csr_array:
     and without its modal damping."""
     if model.damping is None:
         return sp.csr_array((model.n_full, model.n_full))
-    return model.damping if model.landing is None else sp.csr_array(model.damping - model.landing)
+    if model.landing is None:
+        return model.damping
+    return sp.csr_array(model.damping - model.landing)
 
 
 def _narrow(matrix: sp.csr_array) -> sp.csr_array:

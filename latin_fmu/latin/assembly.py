@@ -203,7 +203,9 @@ class Ground:
 
     def _mean(self, velocity: Array) -> Array:
         """Velocity over each step: mean of both ends, without inertia that of the increment."""
-        return velocity[1:] if self._static else 0.5 * (velocity[1:] + velocity[:-1])
+        if self._static:
+            return velocity[1:]
+        return 0.5 * (velocity[1:] + velocity[:-1])
 
     @property
     def channels(self) -> Index:
@@ -340,7 +342,9 @@ class Assembly:
         """Impedance of the side of every channel (n_flat,), Pa s m-1: of its material, without inertia of its stiffness
         over an increment."""
         # stiffness per area times an increment: force per velocity over it
-        return self._impedance * self.dt if self.quasi_static else self._impedance
+        if self.quasi_static:
+            return self._impedance * self.dt
+        return self._impedance
 
     def begin(self, time: Array, dt: float, ground: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
         """Set the instants of the run, or of its next segment.

@@ -132,7 +132,10 @@ def _motions(assembly: Assembly, k: Array) -> tuple[sp.csr_array, Index]:
         )
         for r, c, s in zip(rows, columns, starts[:-1], strict=True)
     ]
-    motions = sp.csr_array(sum(blocks[1:], blocks[0])) if blocks else sp.csr_array((n, 0))
+    if blocks:
+        motions = sp.csr_array(sum(blocks[1:], blocks[0]))
+    else:
+        motions = sp.csr_array((n, 0))
     return motions, np.array(numbers, dtype=np.int64)
 
 

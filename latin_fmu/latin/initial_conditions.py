@@ -105,7 +105,10 @@ def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Arra
             displacement[:] = 0.0
         # both sides held (z = 0): the traction follows from the jumps alone
         z = np.zeros((group.n_point, 2))
-        jump = np.zeros_like(displacement) if group.behaviour.elastic else sliding
+        if group.behaviour.elastic:
+            jump = np.zeros_like(displacement)
+        else:
+            jump = sliding
         block = group.block(traction)
         block[0] = group.behaviour.local(jump, z, displacement, 1.0, group.parameters)
         block[1] = -block[0]

@@ -65,7 +65,9 @@ class InterfaceRows:
         flat = [layout.channels(interface, side).ravel() for side in (0, 1)]
         fields = [field[0, channels] for field in (self.f_hat, self.w_hat) for channels in flat]
         gap = self.gaps.get(layout.groups.index(layout.group(interface)))
-        return fields if gap is None else [*fields, gap[0, layout.group(interface).members[interface]]]
+        if gap is None:
+            return fields
+        return [*fields, gap[0, layout.group(interface).members[interface]]]
 
     def row(self, instant: int) -> int:
         """Row of the first instant from ``instant`` on that is kept."""
@@ -87,7 +89,10 @@ class InterfaceRows:
         """Keep those of the n instants from ``first`` on that are to be kept, of tractions and velocities (n, n_flat)
         and gaps (n, n_point) of all groups; the rows of the table, from ``at`` on (None: their own)."""
         n, picked = len(fields[0]), slice(-first % self.every, None, self.every)
-        start = self.row(first) if at is None else at
+        if at is None:
+            start = self.row(first)
+        else:
+            start = at
         into = slice(start, start + self.row(first + n) - self.row(first))
         self.f_hat[into], self.w_hat[into], gaps = (values[picked] for values in fields)
         # there is a place for every point, also of groups that do not open

@@ -128,7 +128,10 @@ class InterfaceHistory:
         """Displacement of side E' along the face of E since the first of the instants, (n_time, n_point, 3), m: the
         velocities at all instants, integrated (trapezoid; end of the step without inertia)."""
         jump = self._along
-        mean = jump[1:] if self.quasi_static else 0.5 * (jump[1:] + jump[:-1])
+        if self.quasi_static:
+            mean = jump[1:]
+        else:
+            mean = 0.5 * (jump[1:] + jump[:-1])
         moved = np.cumsum(np.diff(time)[:, None, None] * mean, axis=0)
         return np.concatenate([np.zeros((1, *jump.shape[1:])), moved])
 
@@ -140,7 +143,10 @@ class InterfaceHistory:
         that of the energies over the areas; the way counts in steps that end in sliding.
         """
         jump = self._along
-        slides = np.ones(jump.shape[:2], dtype=bool) if self.contact_status is None else self.contact_status == SLIP
+        if self.contact_status is None:
+            slides = np.ones(jump.shape[:2], dtype=bool)
+        else:
+            slides = self.contact_status == SLIP
         rates = np.linalg.norm(jump, axis=2) * slides, np.einsum("tpc,tpc->tp", self.traction, jump)
         step = np.diff(time)[:, None]
         start = np.zeros((1, len(self.points)))
@@ -282,7 +288,9 @@ class BoltHistory:
     def stress_area(self) -> float:
         """Section of the modelled part whose stress is compared with a yield stress, m2: that of the thread, else of
         the cut."""
-        return self.area if self.thread_area is None else self.share * self.thread_area
+        if self.thread_area is None:
+            return self.area
+        return self.share * self.thread_area
 
     @property
     def tight(self) -> float:
@@ -320,12 +328,16 @@ class WindowRecord:
     @property
     def final_error(self) -> float:
         """sqrt(eta) of the accepted iterate (0 without iteration)."""
-        return self.error_indicator[self.accepted] if self.error_indicator else 0.0
+        if self.error_indicator:
+            return self.error_indicator[self.accepted]
+        return 0.0
 
     @property
     def final_mismatch(self) -> float:
         """Interface force residual of the accepted iterate (NaN where it was not evaluated)."""
-        return self.force_mismatch[self.accepted] if self.force_mismatch else 0.0
+        if self.force_mismatch:
+            return self.force_mismatch[self.accepted]
+        return 0.0
 
     @property
     def iterations(self) -> int:

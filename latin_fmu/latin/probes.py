@@ -57,7 +57,9 @@ class Measured(Protocol):
 
 def _strained(values: Array) -> Array:
     """Displacements (n, k) that the stiffness takes in the internal forces: with what Maxwell branches add."""
-    return values[:, 0] if values.shape[1] == STRAIN else values[:, 0] + values[:, STRAIN]
+    if values.shape[1] == STRAIN:
+        return values[:, 0]
+    return values[:, 0] + values[:, STRAIN]
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,10 @@ class Support:
     def full_rows(self, model: SubstructureModel, explicit: bool, /) -> sp.csr_array | Array:
         """e K, e C, e M one below the other, (9, n_full); explicit schemes have the lumped mass of ``model``."""
         # what the equation of motion of the march has: lumped in explicit schemes
-        mass = model.mass if explicit and model.nodal is None else self.model.mass
+        if explicit and model.nodal is None:
+            mass = model.mass
+        else:
+            mass = self.model.mass
         e, nothing = self.sum, sp.csr_array((3, self.model.n_full))
         rows = [
             nothing if matrix is None else e @ matrix for matrix in (self.model.stiffness, self.model.damping, mass)
@@ -252,13 +257,17 @@ class OutputRequest:
 
 def nodes_of(model: SubstructureModel) -> sp.csr_array:
     """Matrix (3 n_node, n_dof) from the dofs of a substructure to the vectors at its nodes."""
-    return model.expansion if model.nodal is None else sp.csr_array(model.nodal @ model.expansion)
+    if model.nodal is None:
+        return model.expansion
+    return sp.csr_array(model.nodal @ model.expansion)
 
 
 def _stacked(parts: Sequence[sp.csr_array]) -> sp.csr_array | None:
     """Rows of all parts; None where there are none."""
     if len(parts) < 2:
-        return parts[0] if parts else None
+        if parts:
+            return parts[0]
+        return None
     return sp.csr_array(sp.vstack(parts))
 
 
@@ -309,7 +318,8 @@ class Probes:
                     full = place.full_rows(model, assembly.scheme.explicit)
                     number, member = id(full), propagator.names.index(place.substructure)
                     # models with shapes have other full dofs than the nodes
-                    full = full if model.nodal is None else full @ model.nodal
+                    if model.nodal is not None:
+                        full = full @ model.nodal
                     matrix = sp.csr_array(sp.csr_array(full) @ model.expansion)
                     if number not in parts:  # members may have the same rows
                         parts[number] = slice(at, at + matrix.shape[0])
@@ -319,7 +329,8 @@ class Probes:
                     self.places[key][name] = ProbePlace(c, member, parts[number], shapes)
                     if key == "motion" and matrix[:, propagator.operators.massless].nnz:
                         self.massless.add(name)
-            blocks += [nodes_of(model)] if whole else []
+            if whole:
+                blocks += [nodes_of(model)]
             self._nodes.append(blocks[-1].shape[0] if whole else 0)
             self.rows.append(_stacked(blocks))
 
@@ -375,7 +386,10 @@ def sensor_histories(
     histories = {}
     for name, place in places.items():
         displacement, velocity, acceleration = motions[name].transpose(1, 0, 2)
-        remark = "mean over the step that ends at the instant" if assembly.scheme.explicit else ""
+        if assembly.scheme.explicit:
+            remark = "mean over the step that ends at the instant"
+        else:
+            remark = ""
         if assembly.quasi_static:
             acceleration, remark = None, "quasi-static run: no inertia, time only orders the increments of load"
         elif name in massless:
@@ -458,7 +472,8 @@ class SlideProbes:
                 imposed = [
                     part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop, instants.step)
                 ]
-                values = values + np.stack(imposed) if imposed else values
+                if imposed:
+                    values = values + np.stack(imposed)
             slide[i][into, side] = values.reshape(len(values), values.shape[1] // 3, 3)
         for i in self.ground:
             slide[i][into, 1] = assembly.ground.velocity[i][instants][:, None]

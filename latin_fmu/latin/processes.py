@@ -169,7 +169,10 @@ def distributed(costs: Sequence[float], size: int) -> list[int]:
     middles = (ends - 0.5 * np.asarray(costs)) / ends[-1] * size
     ranks: list[int] = []
     for i, middle in enumerate(middles):
-        last = ranks[-1] if ranks else -1
+        if ranks:
+            last = ranks[-1]
+        else:
+            last = -1
         # not back, no further than the next process, and one substructure left for each process behind
         ranks.append(min(max(int(middle), last, size - (n - i), 0), last + 1, size - 1))
     return ranks

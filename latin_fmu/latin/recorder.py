@@ -106,9 +106,15 @@ class StoredFields:
 def _read(whole: Probes | None, now: slice, row: int, every: int) -> tuple[range, slice]:
     """Those of the instants ``now`` that are multiples of ``every`` and whose fields can be read, and their rows in the
     image's output from ``row`` on: all of them by the probes of all nodes, else the last one."""
-    first = now.stop - 1 if whole is None else now.start
+    if whole is None:
+        first = now.stop - 1
+    else:
+        first = now.start
     instants = range(-(-first // every) * every, now.stop, every)
-    begin = instants[0] if instants else now.stop
+    if instants:
+        begin = instants[0]
+    else:
+        begin = now.stop
     return instants, slice(row + begin - now.start, row + now.stop - now.start, every)
 
 
@@ -188,7 +194,10 @@ class Recorder:
     ) -> None:
         self.request, self._info = request, substructures
         n_time = len(assembly.time)
-        every = thinned if file is None else in_memory
+        if file is None:
+            every = thinned
+        else:
+            every = in_memory
         table = np.zeros((len(range(0, n_time, every)), InterfaceRows.width_of(assembly)))
         self.rows = InterfaceRows(assembly, table, every)
         self.stream = None if file is None else InterfaceStream(assembly, file, thinned, request.peak_duration)
@@ -227,7 +236,10 @@ class Recorder:
         for key, history in self._series["energy"].items():
             drift = key == "drift"
             # the work of the drift is one number an instant, of all interfaces
-            terms = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
+            if drift:
+                terms = image.field("history_works", image.rows)
+            else:
+                terms = image.output(key, "energies", len(TERMS))
             history[now] = terms[rows]
         self.n_kept += n
 
@@ -260,8 +272,10 @@ class Recorder:
         """Instants from the last kept one to the next whose fields are kept."""
         steps = []
         if self._whole is None:
-            steps += [self.request.every] if self._stored.wanted else []
-            steps += [self.stresses.every] if self.stresses.tables else []
+            if self._stored.wanted:
+                steps += [self.request.every]
+            if self.stresses.tables:
+                steps += [self.stresses.every]
         # more than there are: nothing has to be read between two calls
         many = self.rows.every * len(self.rows.table)
         return min((every - (self.n_kept - 1) % every for every in steps), default=many)
@@ -303,7 +317,10 @@ class Recorder:
         for table in (*(self._series[key] for key in (*SERIES, "von_mises")), drift):
             for values in table.values():
                 processes.add(values)
-        massless = set() if self._probes is None else self._probes.massless
+        if self._probes is None:
+            massless = set()
+        else:
+            massless = self._probes.massless
         terms: dict[Any, Array] = {}
         # classes of the part have numbers of their own
         for share in processes.collect(
@@ -337,7 +354,10 @@ class Recorder:
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants; names with a dot are those of ports."""
         places = {name: place for name, place in self.request.sensors.items() if "." not in name}
-        massless = set() if self._probes is None else self._probes.massless
+        if self._probes is None:
+            massless = set()
+        else:
+            massless = self._probes.massless
         return sensor_histories(assembly, places, self.series("motion"), massless)
 
     def reactions(self, assembly: Assembly, ports: bool = False) -> dict[str, ReactionHistory]:

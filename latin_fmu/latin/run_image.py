@@ -175,7 +175,10 @@ def negligible_scales(image: Image, direction: Direction, tolerance: float) -> A
         image.call(entries.FORCES, 1)
     weights = whole.weights[1, whole.assembly.layout.normal]
     fields = float(whole.level.max(initial=0.0)) ** 2 * float(weights.sum())
-    part = min(1.0, _AT_REST / (FLOOR * tolerance)) if still_tractions(whole.assembly).any() else 1.0
+    if still_tractions(whole.assembly).any():
+        part = min(1.0, _AT_REST / (FLOOR * tolerance))
+    else:
+        part = 1.0
     force = max(part * float(measures[3]), tiny)
     return np.array([max(part * part * fields, tiny), force, force])
 
@@ -192,7 +195,9 @@ def rules(settings: SolverSettings) -> dict[str, float]:
 
 def law_of(behaviour: Any) -> int:
     """Code of the law for the kernels; -1 where the behaviour's own ``local`` is called."""
-    return LAWS[behaviour.name] if getattr(behaviour, "compiled", False) else -1
+    if getattr(behaviour, "compiled", False):
+        return LAWS[behaviour.name]
+    return -1
 
 
 def all_in_kernels(image: Image) -> bool:
@@ -425,7 +430,10 @@ class Stages:
     def reach(self, g: int) -> Array:
         """The argument ``reach`` of the law of a group, (n_point, n_component or 1), a copy."""
         group = self._groups[g]
-        width = group.n_component if group.behaviour.elastic else 1
+        if group.behaviour.elastic:
+            width = group.n_component
+        else:
+            width = 1
         return self.image.group_field(g, "reach", group.n_point, width).copy()
 
     def rates(self) -> tuple[float, float]:
@@ -437,7 +445,9 @@ class Stages:
         of the error indicator: fields of substructures belong to the one, reported tractions to the other."""
         apart = self._over_interfaces(self.direction.weights[1] * (self.field("f") - self.field("local_f")) ** 2)
         tractions = 0.25 * float(self.measures()[2])  # a quarter of the fields: F, F_hat, W and W_hat
-        return float(np.sqrt(apart.max(initial=0.0) / tractions)) if tractions > 0.0 else 0.0
+        if tractions > 0.0:
+            return float(np.sqrt(apart.max(initial=0.0) / tractions))
+        return 0.0
 
     def _over_interfaces(self, values: Array) -> Array:
         """Sums (n,) of values (n, n_flat) over the channels."""

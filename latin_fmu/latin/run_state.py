@@ -81,7 +81,10 @@ def distributed(costs: Sequence[float], threads: int, large: Collection[int]) ->
 
 def _cost(row: Mapping[str, int]) -> float:
     """Numbers that an instant of a class reads, about."""
-    interface = 2 * row["n_panels"] if row.get("swept") else 2 * row["n_live"] ** 2 + row["n_inner"] ** 2
+    if row.get("swept"):
+        interface = 2 * row["n_panels"]
+    else:
+        interface = 2 * row["n_live"] ** 2 + row["n_inner"] ** 2
     return float(row["m"] * (2 * row.get("n_panels", 0) + interface + 60 * row["n"]))
 
 
@@ -165,7 +168,8 @@ class RunImage:
         one.bind()
         # communication steps have signals of all that is probed: there fields are read instant by instant
         self._probes: Probes | None = recorder.probes(self.local, fields=not communication.get("n_output"))
-        part = part if assembly.interfaces else None
+        if not assembly.interfaces:
+            part = None
         if part is not None:
             with part.processes.agreed():
                 check_newton(one)
@@ -210,21 +214,29 @@ class RunImage:
             compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
             # tables serve windows of one instant, with laws that the kernels have
             usable = self.settings.window == 1 and compiled
-            settings = self.settings if usable else replace(self.settings, tables=0.0)
+            if usable:
+                settings = self.settings
+            else:
+                settings = replace(self.settings, tables=0.0)
             self._directions[key] = self.made_direction(settings, n)
         return self._directions[key]
 
     def made_direction(self, settings: SolverSettings, n: int) -> Direction:
         """Search direction by these settings for windows of n instants, of the part that this process holds."""
         direction = Direction(self.assembly, settings, n)
-        return direction if self.part is None else self.part.direction(direction)
+        if self.part is None:
+            return direction
+        return self.part.direction(direction)
 
     def _use(self, n: int, exact: bool = False) -> None:
         """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of
         Y."""
         direction = self.direction(n)
         exact &= direction.sparse  # without tables both are one direction
-        key = EXACT if exact else min(n, LONG)
+        if exact:
+            key = EXACT
+        else:
+            key = min(n, LONG)
         if self.image.bound == key:
             return
         direction.bind(exact)
@@ -331,7 +343,9 @@ class RunState(RunImage):
     def tractions(self) -> Array:
         """Tractions of the last accepted instant on all interfaces of the assembly; of a distributed run after
         ``join``, Pa."""
-        return self.f_hat if self._joined is None else self._joined
+        if self._joined is None:
+            return self.f_hat
+        return self._joined
 
     def snapshot(self) -> dict[str, Any]:
         """All that the next window of this segment depends on, beside what has been recorded."""
@@ -425,7 +439,10 @@ class RunState(RunImage):
             return converged, sentence
         negligible, works = round_off(self.assembly), self.image.field("works", N_WORK)
         alone = self.part is None
-        put_in = self._put_in() if alone else float(works[PUT_IN])
+        if alone:
+            put_in = self._put_in()
+        else:
+            put_in = float(works[PUT_IN])
         if converged and put_in >= 0.0:  # the largest is that of all processes, up to the instant before the last
             work = max(float(works[LARGEST]), abs(float(works[OF_DRIFT])) if alone else 0.0)
             # residuals below NOTHING of the tractions are accepted, as of bodies that rest under a preload
@@ -505,7 +522,10 @@ class SharedStages(Stages):
         free, wide_f, wide_reach = exchange.whole(np.stack([free, f_hat, reach]))
         gaps = []
         for group in whole.assembly.layout.groups:
-            width = group.n_component if group.behaviour.elastic else 1
+            if group.behaviour.elastic:
+                width = group.n_component
+            else:
+                width = 1
             gaps.append(np.ascontiguousarray(group.block(wide_reach)[0, :, :width]))
         solved = whole.points.solve(free, wide_f, gaps, self.rates())
         # k of the part times what is made up: q of the sides and not of the laws

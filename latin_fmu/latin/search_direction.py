@@ -51,7 +51,10 @@ def channel_k(assembly: Assembly, search: SearchDirection, window: int) -> tuple
     if kind == "automatic" and assembly.quasi_static:
         kind = "static"
     if kind == "automatic":
-        kind = "diagonal" if window == 1 else "resolved"
+        if window == 1:
+            kind = "diagonal"
+        else:
+            kind = "resolved"
     if kind == "impedance":
         k, choice = assembly.impedance.copy(), "impedance"
     elif kind == "uniform":
@@ -160,10 +163,15 @@ def _row(assembly: Assembly, normal_only: bool = False) -> Array:
                 if key not in cache:
                     rough = normal_only and propagators[c].swept
                     compliance = operators.compliance
-                    force = compliance.resistance(numbers, _ROUGHLY) if rough else resistance(compliance, numbers)
+                    if rough:
+                        force = compliance.resistance(numbers, _ROUGHLY)
+                    else:
+                        force = resistance(compliance, numbers)
                     cache[key] = force / area
                 k[flat[:, component]] = cache[key]
-    return k if normal_only else _one_tangent(assembly, k)
+    if normal_only:
+        return k
+    return _one_tangent(assembly, k)
 
 
 def _resolved(assembly: Assembly) -> tuple[Array, str]:
@@ -246,7 +254,9 @@ class Direction:
     @property
     def whole(self) -> Direction:
         """That of the whole assembly."""
-        return self if self.parent is None else self.parent
+        if self.parent is None:
+            return self
+        return self.parent
 
     @property
     def short(self) -> bool:
@@ -298,7 +308,10 @@ class Direction:
         area = np.where(k > 0, layout.area, 0.0)
         impedance = np.where(self.assembly.impedance > 0, self.assembly.impedance, 1.0)
         f_weight, w_weight = area / impedance, area * impedance
-        moving = 0.0 if self.assembly.quasi_static else 1.0
+        if self.assembly.quasi_static:
+            moving = 0.0
+        else:
+            moving = 1.0
         relative = np.zeros_like(w_weight)
         for group in layout.groups:
             first, second = group.block(w_weight)
@@ -325,7 +338,8 @@ class Direction:
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)
         if self.short and self.assembly.swept:
-            self.tables = self._made_tables() if self.tables is None else self.tables
+            if self.tables is None:
+                self.tables = self._made_tables()
             for propagator, tables in zip(self.assembly.propagators, self.tables, strict=True):
                 propagator.tables = {name: table for name, table in tables.items() if not (exact and name == "y")}
         if self.assembly.quasi_static and not any(p.joined for p in self.assembly.propagators):
@@ -340,7 +354,9 @@ class Direction:
         points = [self.assembly.points_of(c) for c in range(len(self.assembly.propagators))]
 
         def tables_of(one: tuple[Propagator, Points]) -> dict[str, Table]:
-            return interface_tables(*one, *rule) if one[0].swept else {}
+            if one[0].swept:
+                return interface_tables(*one, *rule)
+            return {}
 
         return in_threads(self._settings.threads, tables_of, zip(self.assembly.propagators, points, strict=True))
 
@@ -356,13 +372,19 @@ class Direction:
 
     def relative_fields(self) -> dict[str, Any]:
         """Fields of the record of the run for Newton steps, empty where there are none."""
-        return self.relative if self.newton else {}
+        if self.newton:
+            return self.relative
+        return {}
 
     def run_fields(self) -> dict[str, Any]:
         """Fields of the record of the run (``kernels.records``)."""
         fields: dict[str, Any] = {"k": self.k, "z": self.z, "weights": self.weights, "metric": self.metric}
         krylov = self.relative.get("krylov")
-        proximal = _PROXIMAL / _WIDENING if krylov else _PROXIMAL  # the same share of z
+        # the same share of z
+        if krylov:
+            proximal = _PROXIMAL / _WIDENING
+        else:
+            proximal = _PROXIMAL
         sparse = any("y" in p.tables for p in self.whole.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields |= {"from_last": int(self.short), "referenced": 1 if self.short else 2 * int(self.predicted)}
@@ -465,7 +487,10 @@ def _read(assembly: Assembly) -> float:
     total = _CHANNEL * assembly.layout.n_flat
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         n, members = channels.shape
-        table = 2.0 * propagator.operators.factor.symbolic.face_entries if propagator.swept else 0.5 * n * n
+        if propagator.swept:
+            table = 2.0 * propagator.operators.factor.symbolic.face_entries
+        else:
+            table = 0.5 * n * n
         total += table * max(1.0, members / 4)
     return total
 
@@ -484,7 +509,10 @@ def newton_price(assembly: Assembly, relative: dict[str, Any]) -> float:
     iteration = _read(assembly)
     groups, points = relative["point_group"], np.diff(relative["block_points"])
     size = np.array([group.n_component for group in assembly.layout.groups])[groups]
-    sizes = _ACTIVE * np.add.reduceat(size, np.cumsum([0, *points[:-1]])) if len(size) else np.zeros(0)
+    if len(size):
+        sizes = _ACTIVE * np.add.reduceat(size, np.cumsum([0, *points[:-1]]))
+    else:
+        sizes = np.zeros(0)
     reach = np.array(
         [sizes[a : b + 1].sum() for a, b in zip(relative["block_low"], relative["block_high"], strict=True)]
     )

@@ -100,7 +100,10 @@ class SlidingStart:
         out = np.empty_like(jump)
         for group, channels, reach, rate in zip(self._groups, self._own, self._reach, self._rates, strict=True):
             z = self._z[channels[:, [0, min(1, channels.shape[1] - 1)]]]
-            distance = reach if group.behaviour.elastic else reach[:, 0]
+            if group.behaviour.elastic:
+                distance = reach
+            else:
+                distance = reach[:, 0]
             out[channels] = group.behaviour.local(
                 jump[channels], np.ascontiguousarray(z), distance, rate, group.parameters
             )

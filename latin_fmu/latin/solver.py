@@ -171,7 +171,9 @@ class WindowSolver:
         # without inertia a floating body has no admittance, which the solution point by point needs; large interfaces
         # have no matrix of theirs
         usable = enough and stages.n == 1 and not static and not stages.direction.assembly.swept
-        return POINT_BY_POINT if usable and POINT_BY_POINT not in used else None
+        if usable and POINT_BY_POINT not in used:
+            return POINT_BY_POINT
+        return None
 
     def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
         """Call the receivers of progress and of iterates."""
@@ -201,7 +203,9 @@ def softening(direction: Direction, gap: float) -> float | None:
         return None
     # way that the load makes a free side go in an iteration, over the gap
     crossed = assembly.characteristic_traction / float(direction.whole.k.max()) * assembly.dt / gap
-    return crossed if crossed < _FAR else None
+    if crossed < _FAR:
+        return crossed
+    return None
 
 
 def softened_start(
@@ -403,7 +407,10 @@ class WindowRun(RunState, ABC):
         self._march_accepted(stages, self._record_instant)
         if n > 1 and not self.assembly.quasi_static:
             put_in = self._put_in()
-            record.imbalance = abs(self._drift_work() - before) / put_in if put_in > 0.0 else 0.0
+            if put_in > 0.0:
+                record.imbalance = abs(self._drift_work() - before) / put_in
+            else:
+                record.imbalance = 0.0
             record.converged &= record.imbalance <= BALANCED
         self._sample()
         self._read_indicator()
@@ -452,7 +459,10 @@ class WindowRun(RunState, ABC):
 
     def _begin_anew(self, solver: WindowSolver, stages: Stages, record: WindowRecord, number: int) -> None:
         """Begin a window without inertia once more, in the ways that there are, until its iteration converges."""
-        ways = [self._slide, self._restart] if stages.n == 1 and suits(stages) else [self._restart]
+        if stages.n == 1 and suits(stages):
+            ways = [self._slide, self._restart]
+        else:
+            ways = [self._restart]
         for begin in ways if self.assembly.quasi_static else []:
             if not record.converged:
                 begin(stages, record)
@@ -501,8 +511,12 @@ class WindowRun(RunState, ABC):
     def _given_guess(self, first: int, n: int) -> Array | None:
         """First guess q (n, n_flat) from the fields of other runs; None where there are none."""
         fields = self._fields.first_guess(first, n, self.image.n_flat) if self._fields is not None and n > 1 else None
-        return None if fields is None else self.direction(n).incoming(*fields)
+        if fields is None:
+            return None
+        return self.direction(n).incoming(*fields)
 
     def _own_guess(self, n: int) -> Array | None:
         """First guess q (n, n_flat) by the settings of the run; None for the one of ``_begin_window``."""
-        return self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
+        if n > 1 and self.settings.sequential_start:
+            return self._sequential_guess(n)
+        return None

@@ -81,7 +81,10 @@ def opened(state: bytes, kind: str, digest: str, machine: str = "") -> bytes:
     expected = {"kind": kind, "version": package_version(), "machine": machine, "digest": digest}
     for name, (what, remedy) in _FACTS.items():
         if facts.get(name) != expected[name]:
-            shown = "" if name == "digest" else f" ({facts.get(name)!r}, here {expected[name]!r})"
+            if name == "digest":
+                shown = ""
+            else:
+                shown = f" ({facts.get(name)!r}, here {expected[name]!r})"
             raise SolverError(f"the state cannot be used: {what}{shown}; {remedy}")
     return bytes(checked[16 + first :])
 
@@ -167,9 +170,13 @@ def _built(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
     if isinstance(value, dict):
         if "" in value:
             array = arrays[value[""][0]]
-            return float(array) if array.shape == () else array
+            if array.shape == ():
+                return float(array)
+            return array
         return {key: _built(item, arrays) for key, item in value.items()}
-    return [_built(item, arrays) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [_built(item, arrays) for item in value]
+    return value
 
 
 def check_like(tree: Any, template: Any, where: str, free: Sequence[str] = (), optional: Sequence[str] = ()) -> None:

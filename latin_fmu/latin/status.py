@@ -61,7 +61,9 @@ def status(
 def allowed_work(instants: float, short: bool) -> float:
     """Share of the energy put in that errors may do as work in so many instants; ``short``: of single instants that
     resolve waves. An instant may always do a little, and energy that swings to and fro is put in once."""
-    return min(BALANCED, ERRORS * max(1.0, instants / 1000.0)) if short else BALANCED
+    if short:
+        return min(BALANCED, ERRORS * max(1.0, instants / 1000.0))
+    return BALANCED
 
 
 def with_work(sentence: str, work: float, put_in: float, allowed: float, tolerance: float) -> tuple[bool, str]:
@@ -74,7 +76,10 @@ def with_work(sentence: str, work: float, put_in: float, allowed: float, toleran
     # NaN has not converged
     if work <= allowed * put_in:
         return True, sentence
-    share = work / put_in if put_in > 0.0 else np.inf
+    if put_in > 0.0:
+        share = work / put_in
+    else:
+        share = np.inf
     return False, (
         f"not converged: the work of the residual forces of the iteration at the interfaces is {share:.1e} of the "
         f"energy put in (allowed: {allowed:g}). Reduce solver.tolerance, for example to {0.1 * tolerance:g}"
@@ -104,7 +109,10 @@ def with_energy(
     if energy is None or not len(time):
         return converged, sentence
     now = energy["kinetic"] + energy["elastic"]
-    before = float(now[0]) if stored is None else stored
+    if stored is None:
+        before = float(now[0])
+    else:
+        before = stored
     put_in = np.full(len(now), before + negligible + float(np.finfo(float).tiny))
     zero = np.zeros(len(now))
     ground, layers = energy.get("ground_work", zero), energy.get("layer_energy", zero)
@@ -150,7 +158,10 @@ def _excess(settings: SolverSettings, window: WindowRecord) -> str:
     """The measure of the accepted iterate that exceeds what is allowed: the indicator, the force residual, the work."""
     # the rule of ``kernels.newton.share_to_meet``
     slow = window.first_instant == window.last_instant and window.iterations > UNCERTAIN and not window.newton_steps
-    share = CLOSER if slow and not settings.residual_alone else 1.0
+    if slow and not settings.residual_alone:
+        share = CLOSER
+    else:
+        share = 1.0
     error, forces = share * settings.tolerance, share * settings.force_tolerance
     if not window.final_error <= error:
         return f"error indicator {window.final_error:.2e} (tolerance {error:.1e})"
@@ -188,7 +199,9 @@ def _converged(settings: SolverSettings, windows: WindowList) -> str:
 def _used(failed: list[WindowRecord]) -> str:
     """The fall-backs of the failed windows."""
     used = sorted({f for w in failed for f in w.fallbacks})
-    return f" and the fall-backs {', '.join(used)}" if used else ""
+    if used:
+        return f" and the fall-backs {', '.join(used)}"
+    return ""
 
 
 def _remedy(assembly: Assembly, settings: SolverSettings, failed: list[WindowRecord]) -> str:
@@ -295,7 +308,9 @@ class WindowList(Sequence[WindowRecord]):
             records = [(r.iterations, r.newton_steps, r.corrections) for r in self._records.values()]
             tables.insert(0, np.array(records, dtype=np.int64).reshape(-1, 3))
         # one table alone needs no copy
-        return np.concatenate(tables) if len(tables) > 1 else tables[0]
+        if len(tables) > 1:
+            return np.concatenate(tables)
+        return tables[0]
 
     def part(self, first: int) -> dict[str, Any]:
         """The windows from number ``first`` on as plain arrays, for ``extend``."""
@@ -380,7 +395,9 @@ def _plain(numbers: Index, fallbacks: Mapping[str, Any], at: int) -> int:
     # what ``keep`` assumes of a table
     plain = (first == last) & (converged == 1) & (accepted == counts - 1) & (first == first[0] + np.arange(len(first)))
     plain &= [str(at + i) not in fallbacks for i in range(len(first))]
-    return len(plain) if plain.all() else int(np.argmin(plain))
+    if plain.all():
+        return len(plain)
+    return int(np.argmin(plain))
 
 
 def _padded(curves: Sequence[Array], counts: Index) -> Array:

@@ -98,7 +98,10 @@ class Run(WindowRun):
         self._max_cpu = control.max_cpu
         self.interrupted = ""
         # CPU time of the set-up is spent already
-        self._cpu_end = np.inf if self._max_cpu is None else clock.process_time() - timings.setup + self._max_cpu
+        if self._max_cpu is None:
+            self._cpu_end = np.inf
+        else:
+            self._cpu_end = clock.process_time() - timings.setup + self._max_cpu
         super().__init__(assembly, settings, recorder, timings, communication, part)
 
     def stops(self) -> str:
@@ -109,7 +112,9 @@ class Run(WindowRun):
 
     def _out_of_time(self) -> str:
         over = self._max_cpu is not None and self._least(self._cpu_end - clock.process_time()) <= 0.0
-        return f"stopped by its limit of {self._max_cpu:g} s of CPU time" if over else ""
+        if over:
+            return f"stopped by its limit of {self._max_cpu:g} s of CPU time"
+        return ""
 
     def _least(self, value: float) -> float:
         """The smallest over the processes of the run, all of which call this."""
@@ -142,7 +147,10 @@ class Run(WindowRun):
         default, self._monitor = self._monitor, self._monitor if monitor is None else monitor
         try:
             self.open_bonds()
-            total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
+            if self.assembly.lost is None:
+                total = self.assembly.n_instant
+            else:
+                total = self.assembly.lost.instant - 1
             # the image has room for so many instants
             length = min(self.settings.window or total, self.image.window)
             self._use(length)
@@ -163,7 +171,10 @@ class Run(WindowRun):
         compiled = length == 1 and self._observer is None and self.marches
         while number < count and not self.stopped and not self._looked():
             refusals, self._refused = self.refusals, self._keeps_failing()
-            done = self._march(count - number) if compiled and not self._refused else 0
+            if compiled and not self._refused:
+                done = self._march(count - number)
+            else:
+                done = 0
             number += done
             if done and self._progress is not None:
                 last = self.windows[-1]
@@ -191,10 +202,16 @@ class Run(WindowRun):
             if self.stops():
                 raise StopError
             return False
-        stop = bool(self.stops()) and not self.ended if self._monitor is None else self._monitor.check(self)
+        if self._monitor is None:
+            stop = bool(self.stops()) and not self.ended
+        else:
+            stop = self._monitor.check(self)
         # a reason found inside a window stays (``_one_by_one``)
         if stop or not self.stopped:
-            self.interrupted = (self.stops() or INTERRUPTED) if stop else ""
+            if stop:
+                self.interrupted = self.stops() or INTERRUPTED
+            else:
+                self.interrupted = ""
         return stop
 
     @property
@@ -222,7 +239,10 @@ class Run(WindowRun):
         wall, cpu = clock.perf_counter(), clock.process_time()
         # after a few refusals all instants take the exact operator
         self._use(1, exact=self.refusals > MOST_REFUSALS)
-        longest = _FIRST if self._max_cpu is None else 1
+        if self._max_cpu is None:
+            longest = _FIRST
+        else:
+            longest = 1
         if self._per_instant > 0:
             longest = max(1, int(_SECONDS / self._per_instant))
         rows = image.rows
@@ -262,7 +282,9 @@ class Run(WindowRun):
     def _until(self, first: int) -> int:
         """Instants from ``first`` on that may be solved before something is kept or looked at."""
         until = min(self.recorder.until_fields(), SAMPLED - (first - 1) % SAMPLED)
-        return until if self._monitor is None else min(until, self._monitor.instants(self))
+        if self._monitor is None:
+            return until
+        return min(until, self._monitor.instants(self))
 
     # -- first guesses and fall-backs of windows --------------------------------------------------------------------
     def _sequential_guess(self, n: int) -> Array | None:

@@ -72,7 +72,10 @@ def _placed(points: Array, card: Card, problems: FileProblems) -> Array:
         elif count == 7 and len(values) == 7 and np.any(values[3:6] != values[:3]):
             points = turned(points, values[:3], values[3:6] - values[:3], math.radians(values[6]))
         else:
-            allowed = "x, y, z of the translation" if count == 3 else "two points of the axis and an angle: 7 numbers"
+            if count == 3:
+                allowed = "x, y, z of the translation"
+            else:
+                allowed = "two points of the axis and an angle: 7 numbers"
             problems.add("not the place of an instance", ", ".join(fields), allowed, line=card.row_place(i))
     return points
 
@@ -123,7 +126,10 @@ class _PlacedDeck:
             self.cells.append(np.where(absent, -1, rows + frame.first_node).reshape(connectivity.shape))
             self.n_element += len(labels)
             every.append(labels)
-        frame.element_labels = np.concatenate(every) if every else NO_ROWS
+        if every:
+            frame.element_labels = np.concatenate(every)
+        else:
+            frame.element_labels = NO_ROWS
         values, counts = np.unique(frame.element_labels, return_counts=True)
         if (counts > 1).any():
             self.problems.add("two elements have the same label", int(values[counts.argmax()]))
@@ -175,7 +181,9 @@ class _PlacedDeck:
         return default
 
     def _labels(self, frame: _Frame, kind: str) -> tuple[Index, int]:
-        return (frame.node_labels, frame.first_node) if kind == "N" else (frame.element_labels, frame.first_element)
+        if kind == "N":
+            return (frame.node_labels, frame.first_node)
+        return (frame.element_labels, frame.first_element)
 
     def _range(self, frame: _Frame, kind: str, first: int, last: int, step: int) -> Index:
         labels, start = self._labels(frame, kind)
@@ -187,7 +195,10 @@ class _PlacedDeck:
         labels, start = self._labels(frame, kind)
         rows, there = rows_of(labels, some)
         if not there.all() and not (kind == "E" and self.deck.skipped):
-            what = "node" if kind == "N" else "element"
+            if kind == "N":
+                what = "node"
+            else:
+                what = "element"
             missing = int(some[~there][0])
             self.problems.add(
                 f"a set names an {what} that is not there".replace("an node", "a node"),
@@ -217,7 +228,10 @@ class _DeckContent(_PlacedDeck):
     def content(self) -> MeshContent:
         """Everything by rows and names."""
         content = self.deck.content
-        content.points = np.concatenate(self.points) if self.points else np.zeros((0, 3))
+        if self.points:
+            content.points = np.concatenate(self.points)
+        else:
+            content.points = np.zeros((0, 3))
         self.row_in_type = np.zeros(self.n_element, dtype=np.int64)
         for block, (kind, cells) in enumerate(zip(self.kinds, self.cells, strict=True)):
             if kind not in CORNERS:
@@ -333,7 +347,10 @@ class _DeckContent(_PlacedDeck):
         sections = [self.deck.spelled[key] for key in dict.fromkeys(self.deck.root.sections)]
         groups = [content.volumes[name] for name in sections if name in content.volumes]
         for kind, cells in content.solids.items():
-            rows = np.concatenate([g.get(kind, NO_ROWS) for g in groups]) if groups else NO_ROWS
+            if groups:
+                rows = np.concatenate([g.get(kind, NO_ROWS) for g in groups])
+            else:
+                rows = NO_ROWS
             # every cell, and none twice
             if len(rows) != len(cells) or len(np.unique(rows)) != len(rows):
                 return None

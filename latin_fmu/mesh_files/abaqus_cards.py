@@ -86,7 +86,10 @@ def cards(text: str, include: Include, problems: FileProblems) -> Iterator[Card]
 def is_abaqus(text: str) -> bool:
     """Whether a text is a deck of Abaqus or CalculiX: its first lines are comments, then a keyword that one has."""
     lines = [line.strip().upper() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("**")]
-    word = lines[0].lstrip("*").split(",")[0].strip() if lines else ""
+    if lines:
+        word = lines[0].lstrip("*").split(",")[0].strip()
+    else:
+        word = ""
     return bool(lines) and lines[0].startswith("*") and word in (*_DATA, "HEADING", "PART", "INCLUDE", "PREPRINT")
 
 

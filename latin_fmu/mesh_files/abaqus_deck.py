@@ -202,5 +202,11 @@ class DeckScopes:
         items = self._here.surfaces.setdefault(self.spell(card.name("NAME")), [])
         for _, fields in card.tokens():
             if fields and fields[0]:
-                label = "NODE" if kind == "NODE" else fields[1].upper() if len(fields) > 1 else ""
+                if kind == "NODE":
+                    label = "NODE"
+                else:
+                    if len(fields) > 1:
+                        label = fields[1].upper()
+                    else:
+                        label = ""
                 items.append((fields[0].strip('"'), label))

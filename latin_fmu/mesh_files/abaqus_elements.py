@@ -24,7 +24,9 @@ def element_type(name: str) -> tuple[str, int] | None:
         return SOLIDS[int(match[1])], int(match[1])
     if (match := _SHELL_NAME.fullmatch(name)) is not None:
         count = int(match[1])
-        return (SHELLS[count], count) if count in SHELLS else None
+        if count in SHELLS:
+            return (SHELLS[count], count)
+        return None
     return None
 
 

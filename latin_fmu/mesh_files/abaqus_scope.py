@@ -60,7 +60,10 @@ class Scope:
     def labels_in(self, kind: str, name: str, path: tuple[str, ...] = ()) -> Index:
         """Labels, ascending, in a set of this scope so far; none for a set that is not there."""
         found = [NO_ROWS]
-        every = self.all_nodes()[0] if kind == "N" else np.concatenate([NO_ROWS, *(e[1] for e in self.elements)])
+        if kind == "N":
+            every = self.all_nodes()[0]
+        else:
+            every = np.concatenate([NO_ROWS, *(e[1] for e in self.elements)])
         for _, text, last, step in self.sets.get((kind, name.upper()), []) if name.upper() not in path else []:
             if last:
                 first = int(text)
@@ -96,16 +99,25 @@ def make_more(scope: Scope, card: Card, spell: Callable[[str], str], problems: F
     make = {"NGEN": _ngen, "NFILL": _nfill, "ELGEN": _elgen}.get(card.keyword)
     try:
         if make is None:
-            labels = _ncopy(scope, card) if card.keyword == "NCOPY" else _elcopy(scope, card)
+            if card.keyword == "NCOPY":
+                labels = _ncopy(scope, card)
+            else:
+                labels = _elcopy(scope, card)
         else:
             labels = [
                 label for i, fields in card.tokens() for label in _of_line(make, scope, card, i, fields, problems)
             ]
     except (_RefusedError, ValueError) as error:
-        why = str(error) if isinstance(error, _RefusedError) else "a parameter is missing or no number"
+        if isinstance(error, _RefusedError):
+            why = str(error)
+        else:
+            why = "a parameter is missing or no number"
         problems.add(f"*{card.keyword} is not read so: {why}", None, None, _REMEDY, card.place)
         return
-    kind = "E" if card.keyword.startswith("EL") else "N"
+    if card.keyword.startswith("EL"):
+        kind = "E"
+    else:
+        kind = "N"
     for key in ("NSET", "ELSET", "NEW SET"):
         if card.name(key):
             members = [("", str(label), 0, 0) for label in labels]
@@ -119,7 +131,10 @@ def _of_line(make: _Maker, scope: Scope, card: Card, i: int, fields: list[str], 
     try:
         return make(scope, card, fields)
     except (_RefusedError, ValueError, IndexError) as error:
-        why = str(error) if isinstance(error, _RefusedError) else "not numbers as it takes them"
+        if isinstance(error, _RefusedError):
+            why = str(error)
+        else:
+            why = "not numbers as it takes them"
         problems.add(
             f"a line of *{card.keyword} is not read: {why}", ", ".join(fields), None, _REMEDY, card.row_place(i)
         )

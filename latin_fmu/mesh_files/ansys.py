@@ -116,7 +116,9 @@ def _other_blocks(lines: list[str]) -> dict[str, int]:
     """Elements in blocks that are not of the form SOLID, by the count in their first line: surfaces and contacts."""
     fields = [line.upper().split(",") for line in lines if line[:6].upper() == "EBLOCK"]
     counts = [int(f[4]) for f in fields if len(f) > 4 and f[2].strip() != "SOLID" and f[4].strip().isdigit()]
-    return {"elements of blocks without SOLID": sum(counts)} if sum(counts) else {}
+    if sum(counts):
+        return {"elements of blocks without SOLID": sum(counts)}
+    return {}
 
 
 class _Archive:
@@ -196,7 +198,10 @@ class _Archive:
     def _cell(self, number: int, nodes: list[int], label: int) -> tuple[str, list[int]]:
         """Type of cell and its nodes, 0 for middle nodes that are left out; an empty type for what is no cell."""
         if number in _TETRA4 or number in _TETRA:
-            count = 4 if number in _TETRA4 else 10
+            if number in _TETRA4:
+                count = 4
+            else:
+                count = 10
             # the solver writes four-node tetrahedra of these types with the middle nodes left out
             some = (nodes + [0] * count)[:count]
             return ("tetra10" if count == 10 and any(some[4:]) else "tetra"), some if any(some[4:]) else some[:4]
@@ -214,7 +219,13 @@ class _Archive:
             raise MeshError.of("unreadable mesh", self.path.name, what, f"element {label}")
         _, _, k, l, m, n, o, p = nodes[:8]  # noqa: E741, the letters of Ansys
         apex = m == n == o == p
-        form = "tetra" if apex and k == l else "pyramid" if apex else "wedge" if k == l and o == p else "hexahedron"
+        if apex and k == l:
+            form = "tetra"
+        else:
+            if apex:
+                form = "pyramid"
+            else:
+                form = "wedge" if k == l and o == p else "hexahedron"
         corners, middles = _FORMS[form]
         some = [nodes[i] for i in corners]
         if len(set(some)) < len(some):

@@ -26,7 +26,10 @@ def attached_of(entry: BulkEntry, labels: Index, system: Callable[[int, FileLine
         return read(entry, labels, system)
     except ValueError as error:
         # a problem of those alone who want to take it
-        label = int(entry.text(1)) if entry.text(1).isascii() and entry.text(1).isdigit() else 0
+        if entry.text(1).isascii() and entry.text(1).isdigit():
+            label = int(entry.text(1))
+        else:
+            label = 0
         why = f"it is not usable ({entry.place.where}, line {entry.place.line}: {error})"
         return Attached(entry.name, label, -1, _row(labels), problem=why)
 

@@ -159,7 +159,10 @@ def _section(content: MeshContent, path: Path, section: Any, first: int) -> Elem
         if len(cells) and not (cells.min() >= first and cells.max() < len(content.points)):
             raise MeshError.of("unreadable mesh", path.name, "cells name nodes that are not there", _name(section))
         if kind in CORNERS:
-            cells = cells[:, _COLUMNS[kind]] if kind in _COLUMNS else upper_edges_last(cells)
+            if kind in _COLUMNS:
+                cells = cells[:, _COLUMNS[kind]]
+            else:
+                cells = upper_edges_last(cells)
             rows = content.add_solids(kind, cells)
         else:
             rows = np.arange(len(cells))

@@ -113,7 +113,10 @@ def _outcome(path: Path, title: str, limits: Limits, code: int, result: bytes, s
         raise _past_limit(path, title, f"takes more than {limits.seconds:.3g} s of processor time")
     if code == 0 or b"MemoryError" in said or b"bad_alloc" in said:
         raise _past_limit(path, title, f"takes more than {limits.memory / 1e9:.2g} GB of memory")
-    name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    if code < 0:
+        name = signal.Signals(-code).name
+    else:
+        name = f"exit code {code}"
     last = said.decode("utf-8", "replace").strip().splitlines()[-1:]
     raise _past_limit(path, title, ": ".join([f"dies ({name})", *last])[:300])
 

@@ -134,7 +134,10 @@ class MeshContent:
     def add_solids(self, kind: str, cells: Index) -> Index:
         """Append cells of a type to ``solids``; their rows there, (n_cell,)."""
         before = self.solids.get(kind)
-        start = 0 if before is None else len(before)
+        if before is None:
+            start = 0
+        else:
+            start = len(before)
         self.solids[kind] = cells if before is None else np.concatenate([before, cells])
         return start + np.arange(len(cells), dtype=np.int64)
 
@@ -154,7 +157,9 @@ class MeshContent:
     def nodes_of(self, group: str) -> Index:
         """Rows of ``points`` that the cells of a volume group have, ascending."""
         tables = [self.solids[kind][rows].ravel() for kind, rows in self.volumes[group].items()]
-        return np.unique(np.concatenate(tables)) if tables else NO_ROWS
+        if tables:
+            return np.unique(np.concatenate(tables))
+        return NO_ROWS
 
     def refuse(self, ignore: Collection[str] = ()) -> None:
         """Raise what may not be left out without a word, but for the words of ``ignore``.
@@ -184,7 +189,11 @@ class MeshContent:
         some = self.node_sets.get(name, NO_ROWS)
         for kind, table in cells.items():
             corners = CORNERS[kind]
-            least = 3 if corners == 4 else 4  # of the corners of a side; a wedge counts by its quadrilaterals
+            # of the corners of a side; a wedge counts by its quadrilaterals
+            if corners == 4:
+                least = 3
+            else:
+                least = 4
             if (np.isin(table[:, :corners], some).sum(axis=1) >= least).any():
                 return True
         return False
@@ -227,7 +236,9 @@ def _cell_keys(cells: dict[str, Index]) -> Index:
     """One number per cell, unique over the cell types."""
     kinds = sorted(CORNERS)
     parts = [rows * len(kinds) + kinds.index(kind) for kind, rows in cells.items()]  # (row, type) as one number
-    return np.concatenate(parts) if parts else NO_ROWS
+    if parts:
+        return np.concatenate(parts)
+    return NO_ROWS
 
 
 def upper_edges_last(cells: Index) -> Index:
@@ -276,7 +287,10 @@ class FileProblems:
     ) -> Problem:
         """A problem of this file that is not added to the others."""
         place = FileLine(self.where, line) if isinstance(line, int) else line
-        where = self.where if place is None else f"{place.where}, line {place.line}"
+        if place is None:
+            where = self.where
+        else:
+            where = f"{place.where}, line {place.line}"
         return Problem(where, what, None if value is None else str(value)[:80], allowed, remedy)
 
     @contextmanager

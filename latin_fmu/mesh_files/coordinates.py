@@ -74,7 +74,10 @@ def _system(kind: str, origin: Array, first: Array, second: Array, axis: str) ->
     if not np.isfinite([*unit, *normal]).all():
         return None
     third = np.cross(normal, unit)
-    axes = (third, normal, unit) if axis == "z" else (unit, third, normal)
+    if axis == "z":
+        axes = (third, normal, unit)
+    else:
+        axes = (unit, third, normal)
     return CoordinateSystem(kind, origin, np.array(axes))
 
 

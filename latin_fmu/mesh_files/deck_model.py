@@ -153,7 +153,10 @@ class DeckModel:
             if len(names) > 1:
                 others = {tie.name for tie in self.ties}
                 # one card may tie several pairs: names of ties stay different
-                name = stem if stem not in others else f"{stem}_{len(others) + 1}"
+                if stem not in others:
+                    name = stem
+                else:
+                    name = f"{stem}_{len(others) + 1}"
                 self.ties.append(Tie(name, names[0], names[1], reach[0] if reach else None))
 
     def _contact(self, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
@@ -205,10 +208,16 @@ class DeckModel:
                 components, still = _NAMED[first.upper()], True
             else:
                 low = int(first)
-                high = int(rest[0]) if rest and rest[0] else low
+                if rest and rest[0]:
+                    high = int(rest[0])
+                else:
+                    high = low
                 # fourth field: the value
                 still = len(rest) < 2 or not rest[1] or float(rest[1].upper().replace("D", "E")) == 0.0
-                components = _AXES[low - 1 : min(high, 3)] if 1 <= low <= high <= 6 else ""
+                if 1 <= low <= high <= 6:
+                    components = _AXES[low - 1 : min(high, 3)]
+                else:
+                    components = ""
         except ValueError:
             name = ""
             components = ""
@@ -236,7 +245,9 @@ class DeckModel:
         if len(names) != 1:
             return None
         name = names.pop()
-        return (name, self.materials[name]) if name in self.materials else None
+        if name in self.materials:
+            return (name, self.materials[name])
+        return None
 
     def unused_words(self) -> list[str]:
         """Keywords that are not used, with their number, as they stand in the deck."""

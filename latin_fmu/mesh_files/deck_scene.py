@@ -138,11 +138,14 @@ def _with_materials(
                 remedy="that table of the scene completes the one of the deck",
             )
             # parts of one material lack the same
-            problems += [problem] if problem not in problems else []
+            if problem not in problems:
+                problems += [problem]
         materials[name] = whole
         # keys of the scene win
         bodies[part] = {"material": name, **table}
-    return {**raw, "material": materials, "substructure": bodies} if materials else raw
+    if materials:
+        return {**raw, "material": materials, "substructure": bodies}
+    return raw
 
 
 def _ties(content: MeshContent, parts: Mapping[str, str], scale: float) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -171,7 +174,9 @@ def _with_clearances(
             joins = isinstance(sides, list | tuple) and frozenset(map(str, sides)) == faces
             if joins and opens and not given(table, "gap"):
                 tables[name] = {**table, "gap": scale * value}
-    return {**raw, "interface": tables} if tables else raw
+    if tables:
+        return {**raw, "interface": tables}
+    return raw
 
 
 def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -208,7 +213,9 @@ def _why_not(content: MeshContent, parts: Mapping[str, str], support: HeldSet) -
     rows = _held_rows(content, support.name)
     if _axes_at(content, rows, support.components) is None:
         return " (along axes of *TRANSFORM that differ from node to node)"
-    return "" if _parts_with(content, parts, support.name, rows) else " (it holds no node of a part)"
+    if _parts_with(content, parts, support.name, rows):
+        return ""
+    return " (it holds no node of a part)"
 
 
 def _axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, Any] | None:
@@ -263,4 +270,6 @@ def _faces(content: MeshContent, parts: Mapping[str, str], name: str) -> list[st
 def _parts_of(table: Mapping[str, Any]) -> frozenset[str]:
     """Substructures that an interface joins."""
     sides: Sequence[Any] | None = table.get("sides")
-    return frozenset(str(side).partition(".")[0] for side in sides) if isinstance(sides, list | tuple) else frozenset()
+    if isinstance(sides, list | tuple):
+        return frozenset(str(side).partition(".")[0] for side in sides)
+    return frozenset()

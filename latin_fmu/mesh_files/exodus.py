@@ -60,7 +60,10 @@ def read_exodus(path: Path) -> MeshContent:
     except MeshError:
         raise
     except Exception as error:  # netCDF4 raises many kinds on damaged files
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        if isinstance(error, OSError) and error.strerror:
+            reason = error.strerror
+        else:
+            reason = str(error)
         raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {reason}") from None
 
 
@@ -132,7 +135,10 @@ def _add_block(content: MeshContent, problems: FileProblems, name: str, element:
     key = (element.upper()[:3], cells.shape[1])
     # HEX20 and WEDGE15 of Exodus have vertical edges before upper ones
     if kind := _SOLIDS.get(key):
-        ordered = cells[:, _COLUMNS[kind]] if kind in _COLUMNS else upper_edges_last(cells)
+        if kind in _COLUMNS:
+            ordered = cells[:, _COLUMNS[kind]]
+        else:
+            ordered = upper_edges_last(cells)
         content.add_volume(name, kind, content.add_solids(kind, ordered))
         return kind
     if kind := _FLAT.get(key):

@@ -136,7 +136,9 @@ def format_of(path: Path) -> Format | None:
     suffix = suffix_of(path)
     rows = [row for row in FORMATS if suffix in row.suffixes]
     if not any(row.knows for row in rows):
-        return rows[0] if rows else None
+        if rows:
+            return rows[0]
+        return None
     with path.open("rb") as file:
         start = file.read(_BEGINNING)
     matches = [row for row in rows if row.knows is not None and row.knows(start)]

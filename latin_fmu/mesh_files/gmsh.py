@@ -102,13 +102,18 @@ class _Numbers:
         self.data = data
         self.binary = binary
         self.at = 0
-        self.values = np.zeros(0) if binary else _numbers_of(data)
+        if binary:
+            self.values = np.zeros(0)
+        else:
+            self.values = _numbers_of(data)
 
     def take(self, count: int, kind: str) -> Any:
         """The next numbers of a NumPy type, (count,). Raises ValueError where the section ends before."""
         if self.binary:
             return np.frombuffer(self._bytes(count * np.dtype(kind).itemsize), kind)
-        return self._next(count) if kind.endswith("f8") else _whole(self._next(count))
+        if kind.endswith("f8"):
+            return self._next(count)
+        return _whole(self._next(count))
 
     def one(self, kind: str) -> int:
         """The next whole number."""
@@ -184,7 +189,10 @@ def read_gmsh(path: Path) -> MeshContent:
     data = path.read_bytes()
     match = re.search(rb"\$MeshFormat\s+(\d+)(?:\.(\d+))?\s+([01])\s+(\d+)", data[:4000])
     if match is None:
-        old = "version 1 of the format, which gmsh wrote until 2004" if data.lstrip().startswith(b"$NOD") else _DAMAGED
+        if data.lstrip().startswith(b"$NOD"):
+            old = "version 1 of the format, which gmsh wrote until 2004"
+        else:
+            old = _DAMAGED
         raise MeshError.of("unreadable mesh", path.name, old, remedy="save it with gmsh, version 2 or 4")
     version = (int(match[1]), int((match[2] or b"0")[:1]))
     binary = match[3] == b"1"
@@ -197,7 +205,10 @@ def read_gmsh(path: Path) -> MeshContent:
     try:
         if binary and match[4] != b"8":
             raise ValueError(f"numbers of {match[4].decode()} bytes")
-        order = _byte_order(data, match.end()) if binary else "<"
+        if binary:
+            order = _byte_order(data, match.end())
+        else:
+            order = "<"
         for name, section in _sections(data):
             reader(name, section, binary, order, parsed)
         return _content(parsed, path)
@@ -211,7 +222,9 @@ def _byte_order(data: bytes, at: int) -> str:
     one = data[start : start + 4]
     if one not in (b"\1\0\0\0", b"\0\0\0\1"):
         raise ValueError("no mark of the byte order")
-    return "<" if one[0] == 1 else ">"
+    if one[0] == 1:
+        return "<"
+    return ">"
 
 
 def _sections(data: bytes) -> Iterator[tuple[str, bytes]]:
@@ -283,7 +296,9 @@ def _elements_2(numbers: _Numbers, most: int, order: str, parsed: _Parsed) -> in
 
 def _kinds(binary: bool, order: str) -> tuple[str, str, str]:
     """NumPy types of sizes, whole and real numbers in version 4."""
-    return (f"{order}u8", f"{order}i4", f"{order}f8") if binary else ("i8", "i8", "f8")
+    if binary:
+        return (f"{order}u8", f"{order}i4", f"{order}f8")
+    return ("i8", "i8", "f8")
 
 
 def _entities(numbers: _Numbers, version: int, order: str, partitioned: bool, parsed: _Parsed) -> None:
@@ -450,7 +465,9 @@ def _group_names(parsed: _Parsed, block: _Elements, dimension: int, grouped: boo
     """Names of the groups of a block; of a file without physical groups its entity of the geometry."""
     if grouped:
         return [parsed.names.get((dimension, tag), f"physical_{tag}") for tag in block.physical]
-    return [f"geometrical_{block.geometrical}"] if block.geometrical else []
+    if block.geometrical:
+        return [f"geometrical_{block.geometrical}"]
+    return []
 
 
 def write_gmsh(path: Path, nodes: Array, groups: Mapping[str, tuple[int, Sequence[tuple[str, Index]]]]) -> None:

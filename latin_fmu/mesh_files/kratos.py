@@ -94,7 +94,10 @@ class _Mdpa:
                 self.nodes[int(node)] = [x, y, z]
             elif word in _CELLS:
                 label, *fields = (int(field) for field in line.split())
-                owner = fields.pop(0) if word != "Geometries" else 0
+                if word != "Geometries":
+                    owner = fields.pop(0)
+                else:
+                    owner = 0
                 kind = self._kind(word, name, fields, number)
                 self.cells[word].setdefault(kind, []).append((label, owner, fields))
                 if not kind:
@@ -130,8 +133,14 @@ class _Mdpa:
                     self.problems.add(f"{word.lower()} name a node that is not there", allowed=f"{len(labels)} nodes")
                     continue
                 nodes = found.reshape(len(rows), -1)
-                nodes = nodes[:, _HEXAHEDRON27] if kind == "hexahedron27" else upper_edges_last(nodes)
-                places = content.add_solids(kind, nodes) if kind in CORNERS else NO_ROWS
+                if kind == "hexahedron27":
+                    nodes = nodes[:, _HEXAHEDRON27]
+                else:
+                    nodes = upper_edges_last(nodes)
+                if kind in CORNERS:
+                    places = content.add_solids(kind, nodes)
+                else:
+                    places = NO_ROWS
                 tables[word, kind] = np.array([n for n, _, _ in rows], dtype=np.int64), places, nodes
         self.problems.stop()
         for name, members in self.parts.items():

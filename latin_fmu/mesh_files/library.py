@@ -106,7 +106,10 @@ def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
     name = f"{library.__name__} {library.__version__}"
     lines = [" ".join(line.split()) for line in noise.splitlines() if line.strip()]
     reasons = [line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))]
-    said = "" if isinstance(error, SystemExit) else str(error) or type(error).__name__
+    if isinstance(error, SystemExit):
+        said = ""
+    else:
+        said = str(error) or type(error).__name__
     if isinstance(error, KeyError):
         said = f"it has or lacks an item {said}, which its reader ({name}) does not expect"
     elif isinstance(error, IndexError | ValueError | AttributeError | TypeError):

@@ -90,7 +90,9 @@ def _fields(line: str, widths: tuple[int, ...]) -> list[str]:
         at += width
     while fields and not fields[-1]:
         fields.pop()
-    return line.split() if any(" " in item for item in fields) else fields
+    if any(" " in item for item in fields):
+        return line.split()
+    return fields
 
 
 class _KeywordMesh:
@@ -135,7 +137,10 @@ class _KeywordMesh:
             self.problems.add(f"not a usable *{name}: {error}", line=keyword.line)
 
     def _node(self, keyword: _Keyword, long: bool) -> None:
-        widths = (20, 20, 20, 20) if long else (8, 16, 16, 16)
+        if long:
+            widths = (20, 20, 20, 20)
+        else:
+            widths = (8, 16, 16, 16)
         for line, row in keyword.rows:
             fields = [*_fields(row, widths), "", "", ""]
             label = _label(fields[0])
@@ -145,13 +150,19 @@ class _KeywordMesh:
             self.nodes[label] = (x, y, z)
 
     def _part(self, keyword: _Keyword, long: bool) -> None:
-        widths = (20,) * 8 if long else (10,) * 8
+        if long:
+            widths = (20,) * 8
+        else:
+            widths = (10,) * 8
         for (_, title), (_, row) in zip(keyword.rows[::2], keyword.rows[1::2], strict=False):
             label = _label(_fields(row, widths)[0])
             self.names[label] = title.strip() or f"part_{label}"
 
     def _solid(self, keyword: _Keyword, long: bool) -> None:
-        widths = (20,) * 10 if long else (8,) * 10
+        if long:
+            widths = (20,) * 10
+        else:
+            widths = (8,) * 10
         rows = iter(keyword.rows)
         for line, text in rows:
             numbers = [_label(item) for item in _fields(text, widths)]
@@ -181,15 +192,24 @@ class _KeywordMesh:
         self.problems.add("nodes of a solid that are not read", value, allowed, line=line)
 
     def _shell(self, keyword: _Keyword, long: bool) -> None:
-        widths = (20,) * 6 if long else (8,) * 6
+        if long:
+            widths = (20,) * 6
+        else:
+            widths = (8,) * 6
         for _, row in keyword.rows:
             _, part, *nodes = (_label(item) for item in _fields(row, widths)[:6])
             self.shells.setdefault(part, []).append(list(dict.fromkeys(nodes)))
 
     def _set(self, keyword: _Keyword, long: bool, kind: str) -> None:
-        widths = (20,) * 8 if long else (10,) * 8
+        if long:
+            widths = (20,) * 8
+        else:
+            widths = (10,) * 8
         rows = [row for _, row in keyword.rows]
-        title = rows.pop(0).strip() if keyword.name.endswith("_TITLE") else ""
+        if keyword.name.endswith("_TITLE"):
+            title = rows.pop(0).strip()
+        else:
+            title = ""
         name = title or f"{kind}_{_label(_fields(rows.pop(0), widths)[0])}"
         if title:
             rows.pop(0)
@@ -227,7 +247,9 @@ class _KeywordMesh:
     def _name(self, part: int) -> str:
         name = self.names.get(part, f"part_{part}")
         # two parts of one title stay two
-        return name if list(self.names.values()).count(name) < 2 else f"{name}_{part}"
+        if list(self.names.values()).count(name) < 2:
+            return name
+        return f"{name}_{part}"
 
     def _rows(self, labels: Index, cells: list[list[int]]) -> Index:
         nodes = np.array(cells, dtype=np.int64)
@@ -256,9 +278,13 @@ def _label(text: str) -> int:
 def _form(nodes: list[int]) -> tuple[str, list[int]] | None:
     """Type and nodes of a solid; None for one that is none of them."""
     if len(nodes) == 10 and len(set(nodes[8:])) == 2:
-        return ("tetra10", nodes) if len(set(nodes)) == 10 else None
+        if len(set(nodes)) == 10:
+            return ("tetra10", nodes)
+        return None
     if len(nodes) in (4, 5):
-        return ({4: "tetra", 5: "pyramid"}[len(nodes)], nodes) if len(set(nodes)) == len(nodes) else None
+        if len(set(nodes)) == len(nodes):
+            return ({4: "tetra", 5: "pyramid"}[len(nodes)], nodes)
+        return None
     if len(nodes) == 6:
         nodes = [*nodes[:4], nodes[4], nodes[4], nodes[5], nodes[5]]
     if len(nodes) != 8:

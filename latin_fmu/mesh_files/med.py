@@ -108,7 +108,10 @@ def _families(folder: Any) -> Iterator[tuple[int, list[str]]]:
 
 
 def _text(data: Any) -> str:
-    raw = data if isinstance(data, bytes) else str(data).encode()
+    if isinstance(data, bytes):
+        raw = data
+    else:
+        raw = str(data).encode()
     return raw.split(b"\0")[0].decode("utf-8", "replace").strip()
 
 
@@ -123,8 +126,14 @@ def _add_cells(content: MeshContent, path: Path, code: str, table: Any, families
     kind, width = _TYPES[code]
     rows: Index = np.ascontiguousarray(np.asarray(nodes[()], dtype=np.int64).reshape(width, -1).T) - 1
     rows = rows[:, _COLUMNS.get(kind, list(range(width)))]
-    places = content.add_solids(kind, rows) if kind in CORNERS else np.arange(len(rows))
-    numbers = np.asarray(table["FAM"][()], dtype=np.int64).ravel() if "FAM" in table else np.zeros(len(rows), np.int64)
+    if kind in CORNERS:
+        places = content.add_solids(kind, rows)
+    else:
+        places = np.arange(len(rows))
+    if "FAM" in table:
+        numbers = np.asarray(table["FAM"][()], dtype=np.int64).ravel()
+    else:
+        numbers = np.zeros(len(rows), np.int64)
     for number in sorted(np.unique(numbers).tolist(), key=abs):  # families of cells count down
         chosen = np.flatnonzero(numbers == number)
         for group in families.get(number, []):

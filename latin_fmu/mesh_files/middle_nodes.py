@@ -81,7 +81,10 @@ def in_vtk_order(points: Array, kind: str, cells: Index, format_name: str) -> tu
         return cells, format_name
     distances = {name: _distance(points, cells, CORNERS[kind], order[kind]) for name, order in ORDERS.items()}
     best = min(distances, key=distances.__getitem__)
-    name = best if distances[best] < _CLEAR * distances[format_name] else format_name
+    if distances[best] < _CLEAR * distances[format_name]:
+        name = best
+    else:
+        name = format_name
     places = {frozenset(place): CORNERS[kind] + i for i, place in enumerate(ORDERS[name][kind])}
     return cells[:, [*range(CORNERS[kind]), *(places[frozenset(place)] for place in VTK[kind])]], name
 
@@ -126,6 +129,10 @@ def complete(content: MeshContent) -> None:
                 cells[row, column] = on_edge[key]
     content.points = np.concatenate(points)
     if count > first:
-        new = "1 middle node that the file leaves out was" if count == first + 1 else f"{count - first} middle nodes "
-        new += "" if count == first + 1 else "that the file leaves out were"
+        if count == first + 1:
+            new = "1 middle node that the file leaves out was"
+        else:
+            new = f"{count - first} middle nodes "
+        if count != first + 1:
+            new += "that the file leaves out were"
         content.said.append(f"{new} put in the middle of the edge")

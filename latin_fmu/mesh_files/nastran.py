@@ -135,7 +135,10 @@ class _BulkData:
             found = len([n for n in nodes if n]) + len(extra)
             self.problems.add(f"wrong number of nodes of a {name}", found, allowed, line=entry.place)
             return
-        kind = SOLIDS[count] if table is self.solids else SHELLS[corners]
+        if table is self.solids:
+            kind = SOLIDS[count]
+        else:
+            kind = SHELLS[corners]
         table.setdefault(kind, []).append((label, owner, nodes + [0] * (count - len(nodes))))
 
     def _constraint(self, entry: BulkEntry) -> None:
@@ -255,7 +258,10 @@ class _BulkData:
             content.attached.append(item)
             if len(item.legs):
                 # the middle of a rigid spider may be a node of the face, too
-                rows = np.append(item.legs, item.node) if item.word == "RBE2" else item.legs
+                if item.word == "RBE2":
+                    rows = np.append(item.legs, item.node)
+                else:
+                    rows = item.legs
                 content.add_nodes(item.name, rows)
 
     def _rows(self, labels: Index, elements: list[tuple[int, int, list[int]]]) -> Index:

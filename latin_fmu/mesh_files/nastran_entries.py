@@ -36,7 +36,9 @@ class BulkEntry:
 
     def text(self, i: int) -> str:
         """Field ``i``, empty where there is none; the name is field 0."""
-        return self.fields[i] if i < len(self.fields) else ""
+        if i < len(self.fields):
+            return self.fields[i]
+        return ""
 
     def whole(self, i: int) -> int:
         """Field ``i`` as a whole number, 0 where it is blank."""
@@ -99,7 +101,8 @@ class Entries:
         # a continuation begins with a mark, a blank or, in free form, an empty field
         if line[0] in "+* ,":
             mark = fields[0].strip("+* ")
-            entry = self._waiting.pop(mark, entry) if mark else entry
+            if mark:
+                entry = self._waiting.pop(mark, entry)
             if entry is None:
                 return None
             entry.fields.extend(fields[1:])
@@ -129,7 +132,10 @@ def _bulk_lines(text: str) -> list[tuple[int, str]]:
 
 def _is_copy(line: str) -> bool:
     """Whether a line repeats the entry before it (``=``, ``*1``), and is no continuation in large fields."""
-    first = line.split(",")[0].strip() if "," in line else line[:8].strip()
+    if "," in line:
+        first = line.split(",")[0].strip()
+    else:
+        first = line[:8].strip()
     return first.startswith("=")
 
 
@@ -137,13 +143,25 @@ def _fields(line: str) -> tuple[list[str], str]:
     """The fields of a line, name or mark of continuation first, and the mark with which it goes on."""
     if "," in line:
         fields = [f.strip() for f in line.split(",")]
-        count = 5 if fields[0].endswith("*") else 9
-        after = fields[count] if len(fields) > count else ""
+        if fields[0].endswith("*"):
+            count = 5
+        else:
+            count = 9
+        if len(fields) > count:
+            after = fields[count]
+        else:
+            after = ""
         return [*fields, *[""] * count][:count], after.strip("+* ")
     first = line[:8].strip()
     # large fields are marked by a star, on continuations in the first column
-    width = 16 if first.endswith("*") or line[:1] == "*" else 8
-    count = 4 if width == 16 else 8
+    if first.endswith("*") or line[:1] == "*":
+        width = 16
+    else:
+        width = 8
+    if width == 16:
+        count = 4
+    else:
+        count = 8
     fields = [first, *(line[8 + i * width : 8 + (i + 1) * width].strip() for i in range(count))]
     return fields, line[72:80].strip("+* ")
 

@@ -96,9 +96,10 @@ class Grids:
         if label in path or label not in self._placed:
             self._placed[label] = None
             if label in path or label not in self.systems:
-                what = (
-                    "a coordinate system depends on itself" if label in path else "no coordinate system of this label"
-                )
+                if label in path:
+                    what = "a coordinate system depends on itself"
+                else:
+                    what = "no coordinate system of this label"
                 allowed = ", ".join(map(str, sorted(self.systems))) or "none is in the deck"
                 self.problems.add(what, label, allowed, "CORD1 and CORD2 of type R, C and S are read", place)
             else:
@@ -123,7 +124,9 @@ class Grids:
         return a, b, c
 
     def _system_of(self, grid: _Grid) -> int:
-        return self.default if grid.system is None else grid.system
+        if grid.system is None:
+            return self.default
+        return grid.system
 
     def _position(self, grid: _Grid, path: tuple[int, ...] = ()) -> Array:
         system = self.placed(self._system_of(grid), grid.place, path)

@@ -84,7 +84,9 @@ def in_another_order(points: NDArray[np.float64], kind: str, cells: NDArray[np.i
 def n_node_of(kind: str) -> int:
     """Number of nodes of a cell type: the one in its name, else its corners."""
     stem = kind.rstrip("0123456789")
-    return int(kind[len(stem) :]) if len(stem) < len(kind) else _N_CORNER[kind]
+    if len(stem) < len(kind):
+        return int(kind[len(stem) :])
+    return _N_CORNER[kind]
 
 
 def to_vtk(kind: str, edges: Corners, faces: Corners = ()) -> list[int]:

@@ -81,7 +81,10 @@ class _UnreadableError(ValueError):
 def _guarded(read: Callable[[str], MeshContent], path: Path) -> MeshContent:
     """Content of a text file. Raises MeshError where it is damaged."""
     try:
-        data = gzip.decompress(path.read_bytes()) if path.suffix.lower() == ".gz" else path.read_bytes()
+        if path.suffix.lower() == ".gz":
+            data = gzip.decompress(path.read_bytes())
+        else:
+            data = path.read_bytes()
         return read(data.decode("utf-8-sig", "replace"))
     except _UnreadableError as error:
         raise MeshError.of("unreadable mesh", path.name, error.what, error.value, error.allowed, error.remedy) from None
@@ -171,7 +174,10 @@ def _check(cells: Index, count: int) -> None:
 
 def _grouped(content: MeshContent, kind: str, cells: Index, numbers: Index, name_of: Callable[[int], str]) -> None:
     """Cells with the number of their group each; an empty name is no group."""
-    rows = content.add_solids(kind, cells) if kind in CORNERS else np.arange(len(cells))
+    if kind in CORNERS:
+        rows = content.add_solids(kind, cells)
+    else:
+        rows = np.arange(len(cells))
     for number in np.unique(numbers).tolist():
         if name := name_of(number):
             chosen = np.flatnonzero(numbers == number)

@@ -38,7 +38,10 @@ def read_content(path: Path) -> MeshContent:
     assert row.read is not None
     if path.suffix.lower() == ".gz":
         _check_unpacked(path, size)
-    content = read_in_child(row.read, path, f"{row.name} files ({row.library})") if row.library else row.read(path)
+    if row.library:
+        content = read_in_child(row.read, path, f"{row.name} files ({row.library})")
+    else:
+        content = row.read(path)
     _check_rows(path, content)
     _check_orders(path, content)
     return content

@@ -115,7 +115,10 @@ def unused_content(content: MeshContent, groups: Collection[str], taken: Collect
             continue
         remedy = next((words for pattern, words in _REMEDIES if pattern.fullmatch(word.upper())), _NOTHING)
         names = list(content.properties.get(word, ()))
-        of = f" ({_named(names)})" if names else ""
+        if names:
+            of = f" ({_named(names)})"
+        else:
+            of = ""
         yield f"{count} {word}{of} {'are' if count > 1 else 'is'} not used: {remedy}"
     apart = list(_facets_on_no_solid(content))
     yield from apart
@@ -134,7 +137,10 @@ def _facets_on_no_solid(content: MeshContent) -> Iterator[str]:
     count = sum(apart.values())
     if count:
         which = listed(f"{name}: {number}" for name, number in apart.items() if number)
-        verb = "surface cell lies on no solid and is" if count == 1 else "surface cells lie on no solid and are"
+        if count == 1:
+            verb = "surface cell lies on no solid and is"
+        else:
+            verb = "surface cells lie on no solid and are"
         yield f"{count} {verb} not used ({which}): for a plate {_SHELL}"
 
 
@@ -174,8 +180,14 @@ def _cells_of_no_part(content: MeshContent, groups: Collection[str]) -> Iterator
             for name, rows in content.volumes.items()
             if any(np.isin(r, rest[kind]).any() for kind, r in rows.items())
         ]
-        which = f" ({listed(names)})" if names else ""
-        verb = "solid cell{} belongs" if count == 1 else "solid cells{} belong"
+        if names:
+            which = f" ({listed(names)})"
+        else:
+            which = ""
+        if count == 1:
+            verb = "solid cell{} belongs"
+        else:
+            verb = "solid cells{} belong"
         yield f"{count} {verb.format(which)} to no part of the scene: list them in parts if they matter"
 
 

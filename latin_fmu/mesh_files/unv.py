@@ -140,7 +140,10 @@ class _Universal:
                 if code in _SOLID:
                     allowed = "111 to 116, 118"
                     self.problems.add("a solid element that is not read", f"type {code}", allowed, line=line)
-                name = "beam or rod" if code in _BEAMS else f"type {code}"
+                if code in _BEAMS:
+                    name = "beam or rod"
+                else:
+                    name = f"type {code}"
                 self.skipped[name] = self.skipped.get(name, 0) + 1
             elif count != _COUNT[kind] or len(nodes) != count:
                 self._wrong_count(code, count, _COUNT[kind], line)
@@ -196,7 +199,10 @@ class _Universal:
                 self.problems.add("an element names a node that is not there")
                 continue
             table = cells.reshape(len(rows), -1)[:, _ROUND.get(kind, list(range(_COUNT[kind])))]
-            at = content.add_solids(kind, table) if kind in CORNERS else NO_ROWS
+            if kind in CORNERS:
+                at = content.add_solids(kind, table)
+            else:
+                at = NO_ROWS
             place[kind] = (np.array([n for n, _, _ in rows], dtype=np.int64), at, table)
         if len(np.unique(names)) < len(names):
             self.problems.add("two elements with one label")

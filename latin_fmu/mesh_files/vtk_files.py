@@ -116,7 +116,10 @@ def _grid(path: Path) -> Any:
     reader.Update()
     grid = reader.GetOutputDataObject(0)
     if grid is None or not grid.IsA("vtkDataSet"):
-        kind = "no data" if grid is None else grid.GetClassName()
+        if grid is None:
+            kind = "no data"
+        else:
+            kind = grid.GetClassName()
         what, allowed = "a mesh is one grid of cells", "one unstructured or structured grid"
         raise MeshError.of("unreadable mesh", path.name, what, kind, allowed, "save each block as a file")
     if grid.IsA("vtkUnstructuredGrid"):

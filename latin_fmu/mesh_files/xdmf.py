@@ -75,7 +75,10 @@ def _content(path: Path) -> MeshContent:
     grids = [g for g in ET.parse(path).getroot().iter("Grid") if g.find("Topology") is not None]
     spatial = [g for g in ET.parse(path).getroot().iter("Grid") if g.get("CollectionType", "").lower() == "spatial"]
     if not grids or spatial:
-        what = "pieces of a mesh in several grids are not read" if spatial else "the file has no grid of cells"
+        if spatial:
+            what = "pieces of a mesh in several grids are not read"
+        else:
+            what = "the file has no grid of cells"
         raise MeshError.of("unreadable mesh", path.name, what, None, "one grid", "save the mesh as one grid")
     grid = grids[0]
     content = MeshContent(_points(path, grid))
@@ -85,7 +88,10 @@ def _content(path: Path) -> MeshContent:
         solids.append(content.add_solids(kind, nodes) if kind in CORNERS else NO_ROWS)
     data: dict[str, list[Any]] = {}
     for attribute in grid.findall("Attribute"):
-        values = _item(path, attribute) if attribute.get("Center", "").lower() == "cell" else np.zeros(0)
+        if attribute.get("Center", "").lower() == "cell":
+            values = _item(path, attribute)
+        else:
+            values = np.zeros(0)
         if values.size == sum(len(rows) for _, _, rows in blocks):
             flat = values.ravel()
             data[attribute.get("Name", "cells")] = [flat[rows] for _, _, rows in blocks]

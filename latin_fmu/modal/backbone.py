@@ -211,7 +211,10 @@ def _check_rest(scene: Scene, whole: DiscretisedProblem, shape: _Shape) -> None:
 
 def _at_rest(scene: Scene) -> Scene:
     """The scene as a motion that starts from its equilibrium."""
-    start = scene.time.start if isinstance(scene.time.start, StaticStart) else StaticStart()
+    if isinstance(scene.time.start, StaticStart):
+        start = scene.time.start
+    else:
+        start = StaticStart()
     return scene.model_copy(update={"time": scene.time.model_copy(update={"quasi_static": False, "start": start})})
 
 
@@ -257,14 +260,20 @@ class _Shape:
             # rigid: a with N^T a = M phi, N the motions of the nodes, the shortest of many
             rows[name] = (pulled[part] if model.nodal is None else la.lstsq(model.nodal.T, pulled[part])[0]).T
             moved[name] = full[part] if model.nodal is None else model.nodal @ full[part]
-        place = _largest(moved, whole) if sensor is None else whole.sensors[sensor]
+        if sensor is None:
+            place = _largest(moved, whole)
+        else:
+            place = whole.sensors[sensor]
         there = place.rows @ moved[place.substructure]
         size, most = float(np.linalg.norm(there[:, 0])), max(float(np.abs(u[:, 0]).max()) for u in moved.values())
         if size <= _MOVES * most:
             raise InputError([Problem("sensor", f"it does not move in mode {mode}", sensor)], "no backbone")
         direction = there[:, 0] / size
         omega, damped = float(modes.omega[number]), joined.eigenvalues(modes)
-        rise = 1.0 if damped is None else float(np.abs(damped[number])) / omega
+        if damped is None:
+            rise = 1.0
+        else:
+            rise = float(np.abs(damped[number])) / omega
         return _Shape(omega, rise, forces, rows, place, direction, direction @ there[:, 1:], size)
 
     @property
@@ -360,7 +369,10 @@ class _Loops:
         """Those of a run that has converged."""
         q, moved = shape.measured(recorder, len(path.load))
         # masing: from the start to +alpha is half of the whole swing already
-        swing = 1.0 if loop == "masing" else 2.0
+        if loop == "masing":
+            swing = 1.0
+        else:
+            swing = 2.0
         return _Loops(path, "", float(np.abs(path.load).max()), q, moved, recorder.interfaces(), swing)
 
     @property
@@ -400,14 +412,18 @@ def _searched(
             lost, limit = result.sentence, min(limit, float(levels[-1]))
             fails += not amplitudes
             # what was reached before the loads were too large, or far less
-            top = max(result.reached, limit / _LESS) if not amplitudes else np.sqrt(limit * max(amplitudes))
+            if not amplitudes:
+                top = max(result.reached, limit / _LESS)
+            else:
+                top = np.sqrt(limit * max(amplitudes))
         if (
             fails >= _FAILS
             or top >= (1.0 - _CLOSE) * limit
             or (amplitudes and max(amplitudes) >= (1.0 - _CLOSE) * limit)
         ):
             break
-        levels = _interpolated(amplitudes, wanted, limit) if amplitudes else levels
+        if amplitudes:
+            levels = _interpolated(amplitudes, wanted, limit)
         # none above the largest, and none equal to it
         levels = np.minimum(levels, top * np.linspace(1.0, 1.0 - _CLOSE, len(levels))[::-1])
     raise SolverError(_unreached(amplitudes, wanted, within, lost, units))
@@ -425,7 +441,10 @@ def _interpolated(pairs: Mapping[float, float], wanted: Array, limit: float) -> 
     at = np.log(wanted)
     x, first = np.unique(x, return_index=True)
     y = y[first]
-    slope = (y[-1] - y[-2]) / (x[-1] - x[-2]) if len(x) > 1 else _STEEPEST
+    if len(x) > 1:
+        slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
+    else:
+        slope = _STEEPEST
     beyond = y[-1] + np.clip(slope, _FLATTEST, _STEEPEST) * (at - x[-1])
     found = np.where(at > x[-1], beyond, np.where(at < x[0], y[0] + at - x[0], np.interp(at, x, y)))
     new_levels = np.exp(found)
@@ -443,7 +462,10 @@ def _unreached(pairs: Mapping[float, float], wanted: Array, within: float, lost:
     words += f"makes {readable(largest, metre, 4)}" if pairs else "makes less"
     if lost:
         words += f"; under a larger one: {lost}"
-    remedy = f"ask for at most {readable(largest, metre, 3)}" if pairs else "ask for smaller amplitudes"
+    if pairs:
+        remedy = f"ask for at most {readable(largest, metre, 3)}"
+    else:
+        remedy = "ask for smaller amplitudes"
     return f"{words}; {remedy}, tighten the joint further, or take more increments or a larger tolerance"
 
 
@@ -493,7 +515,10 @@ def _read(scene: Scene, shape: _Shape, loops: _Loops, loop: Loop, mode: int, tol
     assert histories is not None
     power = sum((h.friction_power for h in histories.values() if h.friction_power is not None), np.zeros(len(q)))
     work = np.concatenate([[0.0], np.cumsum(power[1:])]) / (len(q) - 1)  # instants are parts of 1 s
-    first = np.zeros_like(path.top) if loop == "masing" else path.top
+    if loop == "masing":
+        first = np.zeros_like(path.top)
+    else:
+        first = path.top
     load, half = path.load[path.top], loops.half
     loss = {"half": 2.0, "full": 1.0, "masing": 4.0}[loop] * (work[path.end] - work[first])
     spans = list(zip(first, path.end, strict=True))
@@ -594,7 +619,10 @@ class Backbone(Stored):
             rule = "their loss holds where a mesh with shorter elements at the rims of the pressure gives the same"
             lines += ["", f"up to {most} fewer than {_FEW} points slide: {rule}"]
         if self.loop == "masing":
-            open_or_close = "some open or close here: " if self.opening.any() else ""
+            if self.opening.any():
+                open_or_close = "some open or close here: "
+            else:
+                open_or_close = ""
             rule = "Masing's rule holds where no point has slid before and all keep their pressure"
             lines += ["", f"{rule}; {open_or_close}compare with --loop half"]
         if self.curves:

@@ -133,7 +133,10 @@ def frf(
     terms = [excitations.terms(name, _POWER[kind], ratios is None) for name in names]
     columns = np.column_stack([column for pairs in terms for _, column in pairs])
     grid = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
-    top = highest if grid is None else float(grid.max())
+    if grid is None:
+        top = highest
+    else:
+        top = float(grid.max())
     basis = _Basis.of(excitations, columns, top, ratios)
     if grid is None:
         grid = basis.frequencies(lowest, highest, points)
@@ -191,7 +194,10 @@ def _checked(
     ratios = None if damping is None else np.atleast_1d(np.asarray(damping, dtype=float))
     if ratios is not None and not (len(ratios) and ((ratios > 0.0) & (ratios < 1.0)).all()):
         problems.append(Problem("damping", "out of range", str(ratios.tolist()), "ratios > 0, < 1"))
-    grid = np.array([]) if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
+    if frequencies is None:
+        grid = np.array([])
+    else:
+        grid = np.asarray(frequencies, dtype=float).ravel()
     ends = np.array([f for f in (lowest, highest) if f is not None], dtype=float)
     for where, values in (("frequencies", grid), ("lowest, highest", ends)):
         if not ((values > 0.0) & np.isfinite(values)).all():
@@ -216,7 +222,9 @@ def _clear(matrix: sp.csr_array, motion: Array) -> Array:
 def _base_axis(drive: str) -> int | None:
     """Axis of a base motion, None for other drives."""
     place, _, axis = drive.rpartition(".")
-    return AXES.index(axis) if place == BASE and axis in AXES else None
+    if place == BASE and axis in AXES:
+        return AXES.index(axis)
+    return None
 
 
 def _power(n: int) -> OfFrequency:
@@ -386,7 +394,10 @@ class _Basis:
     @property
     def ratio(self) -> Array:
         """Damping ratios (m,), 0 for rigid motions."""
-        diagonal = self.damping if self.damping.ndim == 1 else np.diagonal(self.damping)
+        if self.damping.ndim == 1:
+            diagonal = self.damping
+        else:
+            diagonal = np.diagonal(self.damping)
         # np.where divides for all: 1e-300 keeps rigid motions from a warning
         ratio: Array = np.where(self.omega > 0.0, diagonal / (2 * np.maximum(self.omega, 1e-300)), 0.0)
         return ratio
@@ -397,9 +408,15 @@ class _Basis:
         natural = omega / (2 * np.pi)
         if not len(natural) and (lowest is None or highest is None):
             raise InputError.of(_HEADING, "frequencies", "the assembly has no elastic mode", remedy="give both ends")
-        last = float(natural[min(len(natural), _FIRST) - 1]) if highest is None else highest
+        if highest is None:
+            last = float(natural[min(len(natural), _FIRST) - 1])
+        else:
+            last = highest
         # the highest may be given below the first natural frequency
-        first = _LOWEST * min(float(natural[0]), last) if lowest is None else lowest
+        if lowest is None:
+            first = _LOWEST * min(float(natural[0]), last)
+        else:
+            first = lowest
         if not first < last:
             what = "not below the highest frequency"
             raise InputError([Problem("lowest", what, f"{first:g} Hz", f"< {last:g} Hz")], _HEADING)
@@ -475,7 +492,9 @@ class FrequencyResponse(Stored):
 
     def kind_of(self, drive: str) -> str:
         """Name of the responses to a drive."""
-        return self.kind if _base_axis(drive) is None else "transmissibility"
+        if _base_axis(drive) is None:
+            return self.kind
+        return "transmissibility"
 
     def unit_of(self, drive: str) -> str:
         """Unit (UDUNITS) of the responses to a drive in the system of the scene."""
@@ -486,7 +505,8 @@ class FrequencyResponse(Stored):
         f = self.frequency
         head = f"{self.name}: joints {self.joints}, damping: {self.damping}"
         basis = f"{len(self.natural_frequency)} elastic modes"
-        basis += f" to {self.natural_frequency[-1]:.5g} Hz" if len(self.natural_frequency) else ""
+        if len(self.natural_frequency):
+            basis += f" to {self.natural_frequency[-1]:.5g} Hz"
         basis += f" and {self.n_static} static responses; {len(f)} frequencies from {f[0]:.5g} to {f[-1]:.5g} Hz"
         table: list[tuple[str, ...]] = [("drive", "sensor", "response", "largest", "along", "at", "phase")]
         for drive, by_sensor in self.response.items():

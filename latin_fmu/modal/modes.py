@@ -124,7 +124,9 @@ def pressed_points(scene: Scene) -> dict[str, np.ndarray]:
     """(n_point,) whether the points of each interface are under pressure when the bolts are tight and what acts at
     t = 0 does; empty for a scene without bolts and static start."""
     state = start_state(scene)
-    return {} if state is None else pressed_of(state)
+    if state is None:
+        return {}
+    return pressed_of(state)
 
 
 def _named(
@@ -146,7 +148,8 @@ def _named(
         frequency = np.abs(damped) / (2 * np.pi)
     for name, model in parts.models.items():
         nodal = full[parts.where[name]]
-        nodal = nodal if model.nodal is None else model.nodal @ nodal
+        if model.nodal is not None:
+            nodal = model.nodal @ nodal
         shapes[name] = nodal.T.reshape(len(omega), len(nodal) // 3, 3)
     size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
     # the modal mass belongs to the scaled shape
@@ -263,7 +266,10 @@ class VibrationModes(Stored):
             ("mode", "frequency", *rises, "modal mass", *ratios, "moves most", "mean squares along x, y, z", _EFFECTIVE)
         ]
         if self.n_rigid:
-            number = f"1 to {self.n_rigid}" if self.n_rigid > 1 else "1"
+            if self.n_rigid > 1:
+                number = f"1 to {self.n_rigid}"
+            else:
+                number = "1"
             carried = self._shares(self.effective_mass[: self.n_rigid].sum(axis=0))
             beside = ["-"] * (len(rows[0]) - 3 - len(rises))
             rows.append((number, "rigid", *self._if_closed(slice(self.n_rigid)), *beside, carried))
@@ -316,7 +322,10 @@ class VibrationModes(Stored):
         places, metre = [], self.units.label("m")
         for name, gap in self.near.items():
             least, most = (readable(float(f(gap)), metre, 3) for f in (np.nanmin, np.nanmax))
-            size = f"{least} to {most}" if least != most else most
+            if least != most:
+                size = f"{least} to {most}"
+            else:
+                size = most
             places.append(f"{name} {int((~np.isnan(gap)).sum())} points by {size}")
         text = f"nearly closed, open by less than {_NEAR:g} of the size of the assembly: {', '.join(places)}"
         if not self.rises:

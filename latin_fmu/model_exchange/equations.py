@@ -302,7 +302,10 @@ class Equations:
         s = self.system
         rate = np.sqrt(s.stiffness / s.inertia)
         # one size for all impulses, that of the characteristic traction on all contacts until the end of the scene
-        force = s.traction * max(float(s.contacts.area.sum()), 1e-300) if len(s.contacts.area) else 1.0
+        if len(s.contacts.area):
+            force = s.traction * max(float(s.contacts.area.sum()), 1e-300)
+        else:
+            force = 1.0
         # every coordinate of a body has the inertia of the whole body: the first of each is taken;
         # unique, as a body without coordinates begins where the next one does
         work = float(s.inertia[np.unique(np.cumsum([0, *s.sizes[:-1]]))].sum()) * s.speed**2
@@ -367,7 +370,10 @@ class Equations:
             # friction on E acts along the sliding of E' over E, on E' against it
             interface -= self._flat_sliding.T @ rubbed.ravel()
         load = s.loads @ amplitudes
-        damped = np.zeros(n) if s.damping is None else s.damping @ v
+        if s.damping is None:
+            damped = np.zeros(n)
+        else:
+            damped = s.damping @ v
         elongations = y[2 * n : s.n_motion]
         strained, stretching, relaxing = self._branches(v, elongations)
         acceleration = (load + interface - damped - s.stiffness * x - strained) / s.inertia
@@ -458,7 +464,9 @@ class Amplitudes:
 
     def next_knot(self, segment: int) -> float | None:
         """Time at which a segment ends, s; None for the last one."""
-        return self.knots[segment] if segment < len(self.knots) else None
+        if segment < len(self.knots):
+            return self.knots[segment]
+        return None
 
     def _inside(self, t: float, segment: int) -> float:
         if segment > 0:
@@ -466,7 +474,9 @@ class Amplitudes:
             # the next number as well: at a knot in 0 the relative shift is 0
             t = max(t, nextafter(start * (1.0 + _AFTER), np.inf))
         # a jump at the end belongs to the next segment
-        return min(t, self.knots[segment]) if segment < len(self.knots) else t
+        if segment < len(self.knots):
+            return min(t, self.knots[segment])
+        return t
 
     def at(self, t: float, segment: int, loads: GivenLoads) -> Array:
         """Amplitudes of the loads, (n_load,); ``loads`` : those set from outside."""

@@ -201,7 +201,10 @@ def body_trace(body: BondedBody, cuts: Sequence[Cut]) -> tuple[sp.csr_array, Arr
         for side, face in enumerate(cut.unit.sides):
             trace = None if face == GROUND else cut.trace(side)
             if trace is not None and (name := split_face(face)[0]) in body.where:
-                sign = 1.0 if side else -1.0
+                if side:
+                    sign = 1.0
+                else:
+                    sign = -1.0
                 # both sides may lie on one body: their rows add up to the relative motion
                 block = sp.csr_array(block + sign * placed(trace, body.where[name].start, body.model.n_full))
         blocks.append(block)
@@ -538,7 +541,11 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
     laws: Mapping[str, Any] = scene.force_laws
     traction = characteristic_traction(scene, discretised.bodies, discretised.time) or 1.0
     impedance = side_impedance(discretised.bodies, units, discretised.layout)
-    speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0  # v = p / z
+    # v = p / z
+    if (impedance > 0.0).any():
+        speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0]))
+    else:
+        speed = 1.0
     places, sensors = _sensors(discretised, bodies)
     return ReducedSystem(
         bodies=[b.body.name for b in bodies],
@@ -693,7 +700,8 @@ def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nomin
     table = tuple(_table(scene, Regularisation.of(system)))
     place = {v.name: i for i, v in enumerate(table)}
     read = [f"interface.{name}.impulse[{axis}]" for name in system.interfaces for axis in (1, 2, 3)]
-    read += [f"energy.{name}" for name in WORKS] if scene.output.energy else []
+    if scene.output.energy:
+        read += [f"energy.{name}" for name in WORKS]
     rows = list(_coordinates(system, starts, nominals))
     # value references in the order of y: coordinates and velocities, impulses, works
     states = [*range(len(table), len(table) + len(rows)), *(place[name] for name in read)]

@@ -93,7 +93,10 @@ def _panels(study: xr.Dataset, quantity: Quantity) -> list[tuple[str, str, xr.Da
 
 def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit: str, values: xr.DataArray) -> None:
     """One panel: curves over one parameter, one for each value of a second one; a map where these are many."""
-    largest = float(np.nanmax(np.abs(values.values))) if np.isfinite(values.values).any() else 0.0
+    if np.isfinite(values.values).any():
+        largest = float(np.nanmax(np.abs(values.values)))
+    else:
+        largest = 0.0
     divisor, label = prefix_for(largest, unit, figure=True)
     axis.set_title(f"{title} ({label})" if label else title, fontsize="medium")
     axis.set_xlabel(_label(study[parameters[0]]), fontsize="small")
@@ -121,7 +124,9 @@ def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit
 def _label(parameter: xr.DataArray) -> str:
     """Key of a parameter, with its unit."""
     unit = unit_text(parameter.attrs.get("units", "1"), figure=True)
-    return f"{key_of(parameter)} ({unit})" if unit else key_of(parameter)
+    if unit:
+        return f"{key_of(parameter)} ({unit})"
+    return key_of(parameter)
 
 
 def _places(axis: Any, values: np.ndarray) -> np.ndarray:

@@ -114,7 +114,10 @@ def read_parameter(text: str) -> Parameter:
 def _range(key: str, first: str, last: str, count: str) -> tuple[Any, ...]:
     """``count`` equally spaced values; whole numbers where the ends are whole and all values are."""
     # no integer is made of any number of digits that somebody writes
-    n = int(count) if len(count) < 10 else MOST_POINTS + 1
+    if len(count) < 10:
+        n = int(count)
+    else:
+        n = MOST_POINTS + 1
     if not 2 <= n <= MOST_POINTS:
         raise InputError.of(_HEADING, f"--vary {key}", "number of values", count, f"2 to {MOST_POINTS}")
     ends, unit = _ends(key, first, last)
@@ -246,7 +249,9 @@ class Grid:
     @property
     def dims(self) -> tuple[str, ...]:
         """Dimensions of a study."""
-        return (SAMPLE,) if self.samples else self.names
+        if self.samples:
+            return (SAMPLE,)
+        return self.names
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -263,7 +268,9 @@ class Grid:
 
     def at(self, point: Index) -> Index:
         """Place of a point in the arrays of a study."""
-        return point[:1] if self.samples else point
+        if self.samples:
+            return point[:1]
+        return point
 
     def settings(self, point: Index) -> list[str]:
         """Settings of a point, as ``--set`` takes them."""
@@ -302,7 +309,8 @@ class Grid:
                 self.scene(point)
                 return scene
             except SceneError as error:
-                first = error if first is None else first
+                if first is None:
+                    first = error
         assert first is not None, "a study has at least one point"
         raise first
 
@@ -341,7 +349,9 @@ class Grid:
 
 def value_text(value: Any) -> str:
     """A value as text; texts without quotes."""
-    return value if isinstance(value, str) else toml_value(value)
+    if isinstance(value, str):
+        return value
+    return toml_value(value)
 
 
 def to_and_fro(shape: Sequence[int]) -> Iterator[Index]:
@@ -460,7 +470,10 @@ class PointSolver:
         fields = guesses if self.plan.guesses else None
         solution = api.solve(scene, kept=self.kept, fields=fields, max_cpu=self.plan.max_cpu)
         guesses.end(solution.passes, solution.converged)
-        state = CONVERGED if solution.trustworthy else NOT_CONVERGED
+        if solution.trustworthy:
+            state = CONVERGED
+        else:
+            state = NOT_CONVERGED
         record = {"state": state, "message": solution.status, "guessed": float(guesses.used)}
         record |= quantities_of(scene, solution)
         if grid.samples and solution.complete:
@@ -564,7 +577,10 @@ class FirstGuesses:
     def end(self, cost: float, converged: bool) -> None:
         """End the point: ``cost`` in substructure-instants."""
         self._costs[self.used] = [*self._costs[self.used], cost][-_JUDGED:]
-        self._since = 0 if self.used else self._since + 1
+        if self.used:
+            self._since = 0
+        else:
+            self._since = self._since + 1
         # fields that have not converged are no guess
         if converged and self._now.fields:
             self._compare()
@@ -633,10 +649,15 @@ def _along(first: Array, second: Array, third: Array) -> float | None:
     step = second - first
     length = float(step @ step)
     # foot of the perpendicular on the line, in steps
-    t = float((third - second) @ step) / length if length > 0.0 else 0.0
+    if length > 0.0:
+        t = float((third - second) @ step) / length
+    else:
+        t = 0.0
     off = float(np.abs(third - second - t * step).max(initial=0.0))
     # t = 0: the nearest point is where the present one is, or the line passes beside it
-    return t if abs(t) <= _FARTHEST and t != 0.0 and off <= _ON_LINE * length**0.5 else None
+    if abs(t) <= _FARTHEST and t != 0.0 and off <= _ON_LINE * length**0.5:
+        return t
+    return None
 
 
 _FARTHEST: Final = 2.0  # continuation, in distances of the two points

@@ -58,7 +58,10 @@ def sample_values(distributions: Mapping[str, Distribution], count: int, seed: i
     made = []
     for (name, d), share in zip(distributions.items(), shares.T, strict=True):
         inside = np.clip(share, 1e-12, 1.0 - 1e-12)
-        standard = np.sqrt(12.0) * (inside - 0.5) if d.uniform else ndtri(inside)
+        if d.uniform:
+            standard = np.sqrt(12.0) * (inside - 0.5)
+        else:
+            standard = ndtri(inside)
         made.append(Parameter(name, tuple((d.mean + d.deviation * standard).tolist())))
     return tuple(made)
 
@@ -109,7 +112,9 @@ class SampledBands:
     def ratio(self, quantity: str) -> float:
         """Width of the band of a quantity to first order over that of the samples."""
         own = float(self.scalars[quantity].half)
-        return float(self.bands[quantity].band.half) / own if own > 0.0 else np.nan
+        if own > 0.0:
+            return float(self.bands[quantity].band.half) / own
+        return np.nan
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """One line a quantity: the band to first order and that of the samples."""

@@ -143,9 +143,15 @@ class Store:
 def _line(record: Record, point: str, done: int, total: int, seconds: float) -> str:
     """Line on a point that has come: the ``done``-th of ``total``; ``seconds`` : a point has taken so far."""
     left = seconds * (total - done)
-    more = f"; about {left:.0f} s left" if left < 90.0 else f"; about {left / 60.0:.0f} min left"
+    if left < 90.0:
+        more = f"; about {left:.0f} s left"
+    else:
+        more = f"; about {left / 60.0:.0f} min left"
     state = STATES[int(record["state"])].replace("_", " ")
-    why = f": {record['message']}" if record["state"] == FAILED else ""
+    if record["state"] == FAILED:
+        why = f": {record['message']}"
+    else:
+        why = ""
     return f"{done} of {total}: {point}: {state}{why}{more if done < total else ''}"
 
 
@@ -420,7 +426,9 @@ class _WaitingPoints:
             # the second half: its points are neighbours of each other as well
             own += longest[half:]
             del longest[half:]
-        return own.pop(0) if own else None
+        if own:
+            return own.pop(0)
+        return None
 
 
 def solve_points(points: Sequence[Index], plan: str, jobs: int, scheduler: str | None, keep: Keep) -> None:
@@ -440,11 +448,10 @@ def solve_points(points: Sequence[Index], plan: str, jobs: int, scheduler: str |
         return
     with ExitStack() as stack:
         make = _here if jobs == 1 else _processes
-        workers = (
-            stack.enter_context(_cluster(scheduler))
-            if scheduler is not None
-            else stack.enter_context(make(min(jobs, len(points))))
-        )
+        if scheduler is not None:
+            workers = stack.enter_context(_cluster(scheduler))
+        else:
+            workers = stack.enter_context(make(min(jobs, len(points))))
         _distribute(_WaitingPoints(points, len(workers)), plan, workers, keep)
 
 

@@ -105,7 +105,10 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     draw(axes[0], list(skins.values()), above)
     _arrows(axes[0], scene, bodies, above)
     axes_with_units(axes[0], everything, above, scene.unit_system.label("m"))
-    words = "apart, " if len(bodies) > 1 else ""
+    if len(bodies) > 1:
+        words = "apart, "
+    else:
+        words = ""
     # all but the large one, from the last
     for axis, (view, side) in zip(axes[:0:-1], ((below, "below"), (above, "above")), strict=False):
         draw(axis, apart, view)
@@ -126,7 +129,10 @@ def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
         if problems:
             raise
         warnings += [f"drawn as written, the scene does not build: {problem}" for problem in error.problems]
-        found = with_found(scene, bodies, Problems()).interface if scene.contact else scene.interface
+        if scene.contact:
+            found = with_found(scene, bodies, Problems()).interface
+        else:
+            found = scene.interface
         reach = max((table.search for table in scene.contact.values()), default=0.0)
         return _Assembly(scene, bodies, [_named_joint(name, i, bodies, reach) for name, i in found.items()])
     made, tables = discretised.scene, discretised.scene.joints
@@ -175,7 +181,10 @@ def _named_joint(name: str, interface: Interface, bodies: Mapping[str, Body], re
     whole = bodies[first].face(face)
     areas = whole.vector_areas[np.isin(whole.nodes, nodes[first])]
     normal = areas.sum(axis=0) / max(float(np.linalg.norm(areas, axis=1).sum()), 1e-300)  # 0 of a closed face
-    bond = "" if interface.behaviour in ("contact", "no_slip") else interface.behaviour
+    if interface.behaviour in ("contact", "no_slip"):
+        bond = ""
+    else:
+        bond = interface.behaviour
     return _Joint(name, f"{name}: {interface.behaviour}", nodes, normal, bond=bond)
 
 
@@ -327,7 +336,10 @@ def _legend(figure: Figure, assembly: _Assembly, tints: Mapping[str, str], stron
         *held,
     ]
     handles = [Patch(facecolor=colour, edgecolor="0.3", linewidth=0.5, label=text) for colour, text in items]
-    columns = 4 if max(len(text) for _, text in items) < 30 else 3
+    if max(len(text) for _, text in items) < 30:
+        columns = 4
+    else:
+        columns = 3
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
 
 

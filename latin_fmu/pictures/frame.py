@@ -136,7 +136,13 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
         if length < 0.03 * size:
             continue
         # on a short axis the labels of three ticks would touch
-        count = 5 if length > 0.3 * size else 2 if length > 0.12 * size else 1
+        if length > 0.3 * size:
+            count = 5
+        else:
+            if length > 0.12 * size:
+                count = 2
+            else:
+                count = 1
         ticks = list(MaxNLocator(count).tick_values(low[k] / divisor, high[k] / divisor))
         if k == 2:  # left of everything drawn so far
             room = view.project(start[None])[0, 0] - axis.get_xlim()[0]
@@ -169,8 +175,20 @@ def _axis_line(
 
 def _alignment(outward: Array) -> dict[str, Any]:
     """Text stands clear of the axis in the direction ``outward``."""
-    horizontal = "left" if outward[0] > 0.3 else "right" if outward[0] < -0.3 else "center"
-    vertical = "bottom" if outward[1] > 0.5 else "top" if outward[1] < -0.5 else "center"
+    if outward[0] > 0.3:
+        horizontal = "left"
+    else:
+        if outward[0] < -0.3:
+            horizontal = "right"
+        else:
+            horizontal = "center"
+    if outward[1] > 0.5:
+        vertical = "bottom"
+    else:
+        if outward[1] < -0.5:
+            vertical = "top"
+        else:
+            vertical = "center"
     return {"ha": horizontal, "va": vertical}
 
 
@@ -194,8 +212,14 @@ def arrow(
         "shrinkB": 0,
     }
     axis.annotate("", head, tail, arrowprops=style, zorder=5, annotation_clip=False)
-    away = tail - head if not tail_first else head - tail
-    far = tail if not tail_first else head
+    if not tail_first:
+        away = tail - head
+    else:
+        away = head - tail
+    if not tail_first:
+        far = tail
+    else:
+        far = head
     size = max(float(np.linalg.norm(away)), 1e-300)
     axis.annotate(
         label,
@@ -286,7 +310,10 @@ class View:
     def lit(self, skin: Skin) -> Array:
         """Colours of the facets (n_facet, 3) with light from the left."""
         # seen from below the light comes from below, else all faces in view would be dark
-        side = 1.0 if self.viewer[2] >= 0 else -1.0
+        if self.viewer[2] >= 0:
+            side = 1.0
+        else:
+            side = -1.0
         light = np.array([1.0, side, 1.0]) * _LIGHT @ np.stack([self.right, self.up, self.viewer])
         shade = _AMBIENT + (1.0 - _AMBIENT) * np.clip(skin.normals() @ light / np.linalg.norm(_LIGHT), 0.0, 1.0)
         return np.clip(skin.colours * shade[:, None], 0.0, 1.0)

@@ -26,7 +26,10 @@ def response_figure(response: FrequencyResponse, along: str | None = None) -> Fi
     panels = figure.subplots(2, len(drives), sharex=True, squeeze=False, height_ratios=(2, 1))
     for (drive, by_sensor), (upper, lower) in zip(drives.items(), panels.T, strict=True):
         for (sensor, values), look in zip(by_sensor.items(), curve_styles(len(by_sensor)), strict=True):
-            axis = int(np.abs(values).max(axis=0).argmax()) if along is None else AXES.index(along)
+            if along is None:
+                axis = int(np.abs(values).max(axis=0).argmax())
+            else:
+                axis = AXES.index(along)
             upper.plot(response.frequency, np.abs(values[:, axis]), label=f"{sensor}, {AXES[axis]}", **look)
             lower.plot(response.frequency, np.degrees(np.angle(values[:, axis])), **look)
         unit = unit_text(response.unit_of(drive), figure=True)

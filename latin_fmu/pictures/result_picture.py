@@ -57,7 +57,10 @@ def result_figure(
     """
     chosen = _interface(tree, interface)
     instants = stored_instants(tree)
-    wanted = _busiest(tree, chosen) if time is None else time
+    if time is None:
+        wanted = _busiest(tree, chosen)
+    else:
+        wanted = time
     return _still(lambda at: bodies_in_motion(tree, chosen, at, magnify), instants, wanted)
 
 
@@ -208,7 +211,9 @@ def _draw_deformed(
 
 def magnification(size: float, largest: float) -> float:
     """Factor by which the ``largest`` displacement is about 5 % of the size of the assembly, both in m."""
-    return _round(_SEEN * size / largest) if largest > 0 else 1.0
+    if largest > 0:
+        return _round(_SEEN * size / largest)
+    return 1.0
 
 
 def _round(factor: float) -> float:
@@ -231,7 +236,10 @@ def _draw_pressure(
         axis.set_title(f"{name}: its bodies have no displacements in the file", fontsize=9)
         return
     # normals are those of side E
-    outward = normal if owner == sides[0] else -normal
+    if owner == sides[0]:
+        outward = normal
+    else:
+        outward = -normal
     largest = max(most, 1e-300)
     skin = skin_of(meshes[owner], _PLAIN)
     share = _on_facets(skin, points, outward, pressure / largest, np.sqrt(dataset["area"].values))
@@ -313,8 +321,14 @@ class Window:
         ------
         ResultsError : fewer than two are in the window.
         """
-        first = stored[0] if self.first is None else self.first
-        last = stored[-1] if self.last is None else self.last
+        if self.first is None:
+            first = stored[0]
+        else:
+            first = self.first
+        if self.last is None:
+            last = stored[-1]
+        else:
+            last = self.last
         # ends that are round-off away count
         inside = stored[(stored >= first * (1 - 1e-9)) & (stored <= last * (1 + 1e-9))]
         if len(inside) < 2:
@@ -345,7 +359,10 @@ def map_figure(tree: xr.DataTree, interface: str | None = None, time: float | No
     """
     dataset = _surface(tree, interface)
     instants = dataset["time"].values
-    wanted = instants[normal_resultant(InterfaceFields.of_dataset(dataset)).argmax()] if time is None else time
+    if time is None:
+        wanted = instants[normal_resultant(InterfaceFields.of_dataset(dataset)).argmax()]
+    else:
+        wanted = time
     return _still(lambda at: map_in_motion(tree, interface, at), instants, wanted)
 
 
@@ -391,7 +408,10 @@ def _surface(tree: xr.DataTree, interface: str | None) -> xr.Dataset:
         interface = max(meshed, key=lambda name: float(np.abs(meshed[name]["force"].values).max(initial=0.0)))
     if interface in meshed:
         return meshed[str(interface)].assign_attrs(name=interface)
-    what = "its points carry no cells" if interface in groups else "no interface of this name"
+    if interface in groups:
+        what = "its points carry no cells"
+    else:
+        what = "no interface of this name"
     if interface is None:
         what = "no interface has points that carry cells"
     remedy = did_you_mean(interface, meshed)
@@ -415,7 +435,9 @@ def _maps(dataset: xr.Dataset, rubs: bool) -> list[_Map]:
 def _range(values: Array) -> tuple[float, float]:
     """Ends of a scale of colours: from 0, or from the smallest value where all are alike."""
     low, high = float(values.min()), float(values.max())
-    return (low, high) if low > _ALIKE * high else (0.0, high)
+    if low > _ALIKE * high:
+        return (low, high)
+    return (0.0, high)
 
 
 def _places(dataset: xr.Dataset) -> tuple[Array, str]:

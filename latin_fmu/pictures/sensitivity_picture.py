@@ -92,7 +92,10 @@ def bands_figure(tree: xr.DataTree) -> Figure:
     spread = tree.children["spread"]
     events = {name: _events(data) for name, data in datasets_of(tree.children["sensitivities"], "interfaces").items()}
     every = [instants for instants in events.values() if instants.size]
-    anywhere = np.unique(np.concatenate(every)) if every else np.zeros(0)
+    if every:
+        anywhere = np.unique(np.concatenate(every))
+    else:
+        anywhere = np.zeros(0)
     panels = [(name, data["normal_force"], events[name], data) for name, data in _shown(spread, "interfaces")]
     for name, data in _shown(spread, "sensors"):
         choices = ("acceleration_filtered", "acceleration", "displacement")

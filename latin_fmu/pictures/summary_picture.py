@@ -153,7 +153,10 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     time = energy["time"].values
     terms = {str(name).replace("_", " "): np.asarray(values.values) for name, values in energy.data_vars.items()}
     unit = next((unit_of(v, "J") for v in energy.data_vars.values()), "J")
-    held = float(terms["elastic"][0]) if "elastic" in terms else 0.0
+    if "elastic" in terms:
+        held = float(terms["elastic"][0])
+    else:
+        held = 0.0
     if held > _PRELOADED * float(np.abs(terms.get("elastic", 0.0)).max(initial=0.0)):
         terms[f"elastic, less {readable(held, unit, 3, figure=True)} of the start"] = terms.pop("elastic") - held
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
@@ -212,13 +215,23 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
         _sensor_panels(tree, scale) + _spectrum_panels(tree) + _bolt_panels(tree, scale) + _energy_panels(tree, scale)
     )
     converged = tree.attrs.get("converged", 1)
-    rest += _convergence_panels(tree, scale) if details or not converged or not groups else []
-    columns = [forces + strips, rest] if len(strips) <= FEW else [forces + rest, strips]
+    if details or not converged or not groups:
+        rest += _convergence_panels(tree, scale)
+    if len(strips) <= FEW:
+        columns = [forces + strips, rest]
+    else:
+        columns = [forces + rest, strips]
     columns = [column for column in columns if column]
     height = max((sum(panel.height for panel in column) for column in columns), default=1.0) + 1.0
     figure = Figure(figsize=(6.2 * max(1, len(columns)), height), layout="constrained")
     unfinished = not tree.attrs.get("trustworthy", converged)
-    mark = "" if not unfinished else " (NOT TRUSTWORTHY)" if converged else " (NOT CONVERGED)"
+    if not unfinished:
+        mark = ""
+    else:
+        if converged:
+            mark = " (NOT TRUSTWORTHY)"
+        else:
+            mark = " (NOT CONVERGED)"
     if tree.attrs.get("interrupted"):
         mark = " (STOPPED BEFORE ITS END)"
     title = f"{tree.attrs.get('scene_name', 'run')}{mark}"
@@ -287,8 +300,14 @@ def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, e
     peak, duration = PEAK_FORCE.value(record) or 0.0, record.duration
     size, label = prefix_for(peak, unit, figure=True)
     error = errors.get(f"{name}.{PEAK_FORCE.key}", np.nan)
-    known = f" ± {percent(error)}" if np.isfinite(error) else ""
-    over = f", mean of {duration / scale.divisor:.2g} {scale.unit}" if duration > 0.0 else ""
+    if np.isfinite(error):
+        known = f" ± {percent(error)}"
+    else:
+        known = ""
+    if duration > 0.0:
+        over = f", mean of {duration / scale.divisor:.2g} {scale.unit}"
+    else:
+        over = ""
     return f"{name}: peak {peak / size:.3g} {label}{known}{over}"
 
 
@@ -359,8 +378,14 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
         time = dataset["time"].values
         last = float(dataset["end_force"])
         # the mean of the last periods where it oscillates
-        words = " at the end" if last == tension[-1] else " by the mean at the end"
-        end = "" if share_lost(tension, last) is None else words
+        if last == tension[-1]:
+            words = " at the end"
+        else:
+            words = " by the mean at the end"
+        if share_lost(tension, last) is None:
+            end = ""
+        else:
+            end = words
         curves[f"{name}: {loss_text(tension, last)}{end}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
@@ -417,7 +442,10 @@ def spectra_figure(
     rows = figure.subplots(len(spectra), 2, squeeze=False)
     for (name, (spectrum, error)), panels in zip(spectra.items(), rows, strict=True):
         largest = spectrum.acceleration[0].max(axis=0)
-        axis = int(np.argmax(largest)) if along is None else "xyz".index(along)
+        if along is None:
+            axis = int(np.argmax(largest))
+        else:
+            axis = "xyz".index(along)
         kinds = (("absolute acceleration", "acceleration", "m s-2"), ("pseudo-velocity", "pseudo_velocity", "m s-1"))
         for panel, (what, kind, unit) in zip(panels, kinds, strict=True):
             size, shown = prefix_for(0.0, units.shown(unit), figure=True)

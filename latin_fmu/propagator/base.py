@@ -281,7 +281,8 @@ class Propagator(ABC):
     @property
     def condensed(self) -> Any:
         """Y per nodal force for the k of the last ``bind``, (n_channel, n_channel), m s-1 N-1."""
-        self._condensed = self._condense(self.k[:, 0]) if self._condensed is None else self._condensed
+        if self._condensed is None:
+            self._condensed = self._condense(self.k[:, 0])
         return self._condensed
 
     def release(self) -> None:
@@ -345,14 +346,21 @@ class Propagator(ABC):
         unbalance = balance(self, traction) - sum(forces_of_motion(self))
         # f - C v - K u: the inertia of prescribed motions is no force, and is taken out of M a again
         inertia = self.forcing.inertia(0)
-        residual = unbalance if inertia is None else unbalance + inertia
+        if inertia is None:
+            residual = unbalance
+        else:
+            residual = unbalance + inertia
         u, v = self.state.u, self.state.v
-        a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance - round_off)
+        if factor is None:
+            a = np.zeros_like(unbalance)
+        else:
+            a = factor.solve(unbalance - round_off)
         mass_old, force_old = self.scheme.old_weights
         # as ``substructure.keep_memory`` leaves it
         if force_old:
             residual = mass_old * (self.operators.mass @ a) - force_old * self.forcing.at(0)
-            residual += 0.0 if inertia is None else mass_old * inertia
+            if inertia is not None:
+                residual += mass_old * inertia
         self.state.set(u, v, a, residual)
 
     def sample(self) -> None:  # noqa: B027, most propagators have no remarks
@@ -371,7 +379,9 @@ class Propagator(ABC):
 
     def motions(self) -> list[MotionState]:
         """State of the prescribed motions that the next segment starts from."""
-        return self.forcing.motion_state(self.instant) if self._resumed is None else self._resumed
+        if self._resumed is None:
+            return self.forcing.motion_state(self.instant)
+        return self._resumed
 
     def resume(self, image: Image, number: int, motions: list[MotionState]) -> None:
         """Go on from the state in an image, as its class ``number``, and from ``motions``; ``begin`` must follow."""
@@ -422,7 +432,9 @@ def balance(propagator: Propagator, traction: Array) -> Array:
     """M a of the free dofs at t = 0 under loads and tractions (n_channel, n_member), as if nothing moved: zero but for
     round-off in an equilibrium; (n_dof, n_member), N."""
     force = propagator.forcing.parts(0)[0] - propagator.internal_forces()[0]
-    return force + nodal_forces(propagator, traction) if traction.any() else force
+    if traction.any():
+        return force + nodal_forces(propagator, traction)
+    return force
 
 
 def forces_of_motion(propagator: Propagator) -> tuple[Array, Array]:
@@ -443,12 +455,16 @@ def channel_displacement(propagator: Propagator) -> Array:
     """Displacements at the channels that gaps are read from, (n_channel, n_member), m."""
     u = _at_channels(propagator, propagator.state.u, propagator.forcing.channel_displacement(propagator.instant))
     lead = propagator.scheme.gap_offset(propagator.dt)
-    return u + lead * channel_velocity(propagator) if lead else u
+    if lead:
+        return u + lead * channel_velocity(propagator)
+    return u
 
 
 def _at_channels(propagator: Propagator, field: Array, imposed: Array | None) -> Array:
     values: Array = propagator.operators.trace @ field[propagator.operators.dofs]
-    return values if imposed is None else values + imposed
+    if imposed is None:
+        return values
+    return values + imposed
 
 
 def full_displacement(propagator: Propagator, member: int) -> Array:

@@ -236,7 +236,10 @@ def constants(
     row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
     # rows of a node taken together pay where half of the matrix is read, and not by pieces
     halved = row["m"] < TILED and row["n_piece"] == 0
-    stiffness = propagator.members[0].stiffness_by_nodes if halved else ops.stiffness
+    if halved:
+        stiffness = propagator.members[0].stiffness_by_nodes
+    else:
+        stiffness = ops.stiffness
     # without inertia neither mass nor damping is read
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
@@ -282,7 +285,10 @@ def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index,
         return
     if row["kind"] != STATIC:
         factor = ops.factor
-        inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse
+        if isinstance(factor, DiagonalFactor):
+            inverse = factor.inverse
+        else:
+            inverse = factor.schur_inverse
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
         every = np.arange(row["n_inner"])
         row["schur_inverse"] = (
@@ -366,7 +372,8 @@ def _factor(block: BlockLayout, row: Row, factor: Any) -> None:
 
 def move_panels(fixed: Array, row: Row, factor: Any) -> None:
     """Let a factor keep its panels in their place in the fixed block, ``fixed``, and nowhere else."""
-    factor = factor.base if isinstance(factor, LowRankFactor) else factor
+    if isinstance(factor, LowRankFactor):
+        factor = factor.base
     if isinstance(factor, CholeskyFactor):
         factor.keep_in(fixed.view(factor.dtype)[row["panels"] : row["panels"] + row["n_panels"]])
 
@@ -463,7 +470,10 @@ def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:
     placed: dict[int, Row] = {}
     for name, sums in terms.items():
         # loads alone: "force" and "work" are the same sum, and take one place
-        fields = placed[id(sums)] if id(sums) in placed else placed.setdefault(id(sums), put_terms(block, sums))
+        if id(sums) in placed:
+            fields = placed[id(sums)]
+        else:
+            fields = placed.setdefault(id(sums), put_terms(block, sums))
         row |= {f"{name}_{field}": value for field, value in fields.items()}
     row["work_loads"] = row["constant"]
     if constant["n_motion"]:

@@ -127,7 +127,10 @@ class IterativeFactor:
             schur[:, part] -= self._coupling_t @ self._inner.solve(self._coupling[:, part].toarray())
         self.schur: Array = 0.5 * (schur + schur.T)
         try:
-            inverse = la.cho_solve(la.cho_factor(self.schur), np.eye(len(last))) if len(last) else schur
+            if len(last):
+                inverse = la.cho_solve(la.cho_factor(self.schur), np.eye(len(last)))
+            else:
+                inverse = schur
         except la.LinAlgError:
             raise SolverError(
                 "conjugate gradients: the matrix of a step is singular to rounding errors (its inertia is lost beside "

@@ -26,7 +26,9 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 def _lumped_damping(model: SubstructureModel, damping: sp.csr_array) -> sp.csr_array:
     """Row sums of the damping over the nodes, unless the model has better ones."""
-    return lumped(damping, nodal=True) if model.lumped_damping is None else model.lumped_damping
+    if model.lumped_damping is None:
+        return lumped(damping, nodal=True)
+    return model.lumped_damping
 
 
 class ExplicitPropagator(Propagator):
@@ -54,7 +56,10 @@ class ExplicitPropagator(Propagator):
         self._mass, self._damping, self._stiffness = model.reduced
         lagged: sp.csr_array | None = None
         if model.damping is not None and self._damping is not None:
-            self.dashpots = model.damping if rigid else _lumped_damping(model, model.damping)
+            if rigid:
+                self.dashpots = model.damping
+            else:
+                self.dashpots = _lumped_damping(model, model.damping)
             # the rest of C acts at the old instant, so that the operator stays diagonal
             lagged = sp.csr_array(self._damping - p.T @ self.dashpots @ p)
         nothing = np.zeros(0)  # a rigid body has no stiffness
@@ -104,8 +109,14 @@ class ExplicitPropagator(Propagator):
     def internal_forces(self) -> tuple[Array, Array]:
         """K u and C v of the free dofs, (n_dof, n_member), N."""
         state, damping = self.state, self._damping
-        elastic = self._stiffness @ state.u if state.u.any() else np.zeros_like(state.u)
-        viscous = np.zeros_like(state.v) if damping is None or not state.v.any() else damping @ state.v
+        if state.u.any():
+            elastic = self._stiffness @ state.u
+        else:
+            elastic = np.zeros_like(state.u)
+        if damping is None or not state.v.any():
+            viscous = np.zeros_like(state.v)
+        else:
+            viscous = damping @ state.v
         return elastic, viscous
 
     def mass_factor(self) -> MassFactor:

@@ -85,7 +85,10 @@ class Forcing:
         for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):
             names = [load.name for load in self.members[column].loads]
             for k, ((pattern, (rows, _)), amplitude) in enumerate(zip(loads, history.amplitudes, strict=True)):
-                constant = (amplitude == amplitude[0]).all() if self.sources is None else names[k] not in self.sources
+                if self.sources is None:
+                    constant = (amplitude == amplitude[0]).all()
+                else:
+                    constant = names[k] not in self.sources
                 if constant:
                     self._constant[:, column] += pattern * amplitude[0]
                 elif len(rows):
@@ -104,7 +107,9 @@ class Forcing:
     def kind(self) -> tuple[bool, tuple[tuple[int, int], ...]] | None:
         """Whether there are constant loads, and which loads vary (by member and number); None where more than the
         amplitudes of these at the instants goes into the sums."""
-        return None if self.moves or self._scheme.explicit else (bool(self._constant.any()), self._varying_loads)
+        if self.moves or self._scheme.explicit:
+            return None
+        return (bool(self._constant.any()), self._varying_loads)
 
     def loads_over_time(self) -> tuple[Array, Sum]:
         """Constant loads (n, n_member), N, and those that vary."""
@@ -191,7 +196,9 @@ class Forcing:
         Maxwell branches what these add to the displacements; None where it has none."""
         motion = self._motion[member]
         if motion is None or not len(motion.branches):
-            return None if motion is None else motion.histories
+            if motion is None:
+                return None
+            return motion.histories
         return *motion.histories, np.tensordot(motion.branches.strengths, motion.elongations, 1)
 
     def imposed_u(self, instant: int) -> Array:
@@ -214,11 +221,15 @@ class Forcing:
 
     def channel_displacement(self, instant: int) -> Array | None:
         """Part of the channel displacements that prescribed motions bring; None when there are none."""
-        return self.members[0].trace @ self.imposed_u(instant) if self.moves else None
+        if self.moves:
+            return self.members[0].trace @ self.imposed_u(instant)
+        return None
 
     def channel_velocity(self, instant: int) -> Array | None:
         """Part of the channel velocities that prescribed motions bring; None when there are none."""
-        return self.members[0].trace @ self.imposed_v(instant) if self.moves else None
+        if self.moves:
+            return self.members[0].trace @ self.imposed_v(instant)
+        return None
 
 
 def _mean_over_steps(amplitude: Array) -> Array:
@@ -241,7 +252,10 @@ class _Motion:
         self.branches = member.branches.marched(scheme)
         self.start: MotionState | None = None
         self._initial = member.imposed_start
-        self._speed = np.zeros(len(self._initial)) if member.imposed_speed is None else member.imposed_speed
+        if member.imposed_speed is None:
+            self._speed = np.zeros(len(self._initial))
+        else:
+            self._speed = member.imposed_speed
         reduce = member.expansion.T
         self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
@@ -286,7 +300,10 @@ class _Motion:
         """Elongations (n_branch, n_time, n_motion) of the branches, and the displacements (n_time, n_motion) that K
         takes (``kernels.maxwell``); of explicit schemes in the middle of the step that ends at each instant."""
         explicit, branches = self._scheme.explicit, self.branches
-        middle = u if not explicit else np.concatenate([u[:1], u[:-1] + 0.5 * dt * v[:-1]])
+        if not explicit:
+            middle = u
+        else:
+            middle = np.concatenate([u[:1], u[:-1] + 0.5 * dt * v[:-1]])
         self.elongations = np.zeros((len(branches), *u.shape))
         if self.start is not None:
             self.elongations[:, 0] = self.start[3]

@@ -54,7 +54,10 @@ def _placed(fields: Mapping[str, Any], block: BlockLayout) -> Fields:
     placed: Fields = {}
     for name, value in fields.items():
         if isinstance(value, np.ndarray):
-            kind = np.float32 if value.dtype == np.float32 else np.int64 if value.dtype.kind in "iub" else np.float64
+            if value.dtype == np.float32:
+                kind = np.float32
+            else:
+                kind = np.int64 if value.dtype.kind in "iub" else np.float64
             placed[name] = block.put(value, kind)
         elif sp.issparse(value):
             class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
@@ -148,7 +151,10 @@ class OtherFactors:
     def _backward(self, c: int, rested: int, *_: int) -> None:
         """The other half, with the unknowns at the interfaces; of a class that has ``rested`` there is no first one."""
         image, row = self._image, self._image.row(c)
-        y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
+        if rested:
+            y = np.zeros((row["n"] - row["n_inner"], row["m"]))
+        else:
+            y = self._half[c]
         last = image.class_field(c, "inner_answer", row["n_inner"], row["m"])
         solution = image.propagators[c].operators.factor.backward(y, last)
         image.class_field(c, "load", row["n"], row["m"])[:] = solution
@@ -340,7 +346,8 @@ class Image:
             blank = dict.fromkeys(cast(tuple[str, ...], records.dtype.names), 0)
             for i, row in enumerate(rows):
                 records[i] = tuple({**blank, **row}.values())  # in the order of the record
-        kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
+        # plain Python reads fields as attributes
+        kind = np.recarray if PLAIN else np.ndarray
         tables = self.run.view(kind), self.classes.view(kind), self.groups.view(kind)
         self.pools = pools_of(*tables, self.fixed, self.moving)
         self._entry = bound(entries.call, self.pools)

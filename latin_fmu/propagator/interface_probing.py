@@ -161,7 +161,9 @@ def interface_tables(propagator: Any, points: Points, truncation: float, largest
 def truncation_of(tolerance: float) -> float:
     """Share of the largest entry below which tables of Y are truncated; 0 where there are none, as single precision is
     not enough."""
-    return _OF_TOLERANCE * tolerance if tolerance >= ROUGH else 0.0
+    if tolerance >= ROUGH:
+        return _OF_TOLERANCE * tolerance
+    return 0.0
 
 
 def _probed(

@@ -63,7 +63,9 @@ class Interfaces(NamedTuple):
 def in_form(members: Sequence[SubstructureModel], interfaces: Interfaces) -> list[SubstructureModel]:
     """Identical substructures, with sweeps where the form is "exact" or "sparse", or where that costs less than dense
     matrices."""
-    return [m.with_sweeps() for m in members] if takes_sweeps(members[0], interfaces) else list(members)
+    if takes_sweeps(members[0], interfaces):
+        return [m.with_sweeps() for m in members]
+    return list(members)
 
 
 def long_steps(
@@ -78,7 +80,9 @@ def stiffness_over_inertia(weights: tuple[float, float, float], mass: sp.csr_arr
     weights of M, C and K in it."""
     diagonal, inertia = weights[2] * stiffness.diagonal(), weights[0] * mass.diagonal()
     heavy = inertia > 0.0
-    return float(np.median(diagonal[heavy] / inertia[heavy])) if heavy.any() else 0.0
+    if heavy.any():
+        return float(np.median(diagonal[heavy] / inertia[heavy]))
+    return 0.0
 
 
 def _smallest(model: SubstructureModel, step: float | None) -> int:
@@ -89,7 +93,9 @@ def _smallest(model: SubstructureModel, step: float | None) -> int:
         return _SMALL_LONG
     mass, _, stiffness = model.reduced
     # beta dt^2 of the average acceleration
-    return _SMALL_LONG if long_steps((1.0, 0.0, 0.25 * step**2), mass, stiffness, _NEAR) else _SMALL
+    if long_steps((1.0, 0.0, 0.25 * step**2), mass, stiffness, _NEAR):
+        return _SMALL_LONG
+    return _SMALL
 
 
 def takes_sweeps(model: SubstructureModel, interfaces: Interfaces) -> bool:
@@ -196,11 +202,9 @@ class InterfaceCompliance:
             rest -= step * image
         force = float(x.sum())
         # round-off of such points may hide behind a curvature that is not quite zero
-        return (
-            force
-            if force <= ALONE * float((1.0 / self._diagonal[moving]).sum())
-            else self._least_resistance(moving, enough)
-        )
+        if force <= ALONE * float((1.0 / self._diagonal[moving]).sum()):
+            return force
+        return self._least_resistance(moving, enough)
 
     def _least_resistance(self, moving: Index, enough: float) -> float:
         """1^T C^+ 1 by least squares (C. C. Paige and M. A. Saunders, LSQR, ACM Trans. Math. Softw. 8, 1982)."""
@@ -264,7 +268,10 @@ class DashpotPattern:
     """
 
     def __init__(self, model: SubstructureModel) -> None:
-        matrices = [model.reduced_stiffness] if model.mass is None else operator_matrices(model)
+        if model.mass is None:
+            matrices = [model.reduced_stiffness]
+        else:
+            matrices = operator_matrices(model)
         self.store = model.store
         self._matrices = matrices
         self._trace = model.reduced_trace

@@ -139,7 +139,8 @@ def place_moving(
     window = int(run["longest_window"])
     rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), window)
     # row 0 is the start of the call
-    rows = max(COMMUNICATION_ROWS, window + 1) if run.get("n_output", 0) else rows
+    if run.get("n_output", 0):
+        rows = max(COMMUNICATION_ROWS, window + 1)
     state = 0
     for pool in POOLS:
         for arrays, record, sizes in sized:
@@ -151,5 +152,6 @@ def place_moving(
                 counts = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
                 record |= counts
                 sizes |= counts  # of copies of the state
-        state = block.size if pool == "state" else state
+        if pool == "state":
+            state = block.size
     return rows, int(state)

@@ -357,7 +357,10 @@ class SubstructureModel:
         by_nodes = _reduced(self.expansion, self.stiffness, zeros=True)
         if not matrix.nnz < by_nodes.nnz <= _MOST_ADDED * matrix.nnz:
             return matrix
-        first = by_nodes if alike is None else alike.stiffness_by_nodes
+        if alike is None:
+            first = by_nodes
+        else:
+            first = alike.stiffness_by_nodes
         if first is not by_nodes and _same_patterns([first], [by_nodes]):
             # the same arrays, not equal ones: ``class_record`` finds patterns that it has by identity
             by_nodes.indices, by_nodes.indptr = first.indices, first.indptr
@@ -415,7 +418,9 @@ class SubstructureModel:
     @cached_property
     def reduced_parts(self) -> Array | None:
         """``parts`` of the reduced dofs, (n,)."""
-        return None if self.parts is None else reduced_rank(self.expansion, self.parts)
+        if self.parts is None:
+            return None
+        return reduced_rank(self.expansion, self.parts)
 
     def with_sweeps(self) -> SubstructureModel:
         """The same model without dense matrices of its interfaces; what was reduced already is kept."""
@@ -480,7 +485,10 @@ def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
 def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) -> list[float]:
     """Factors of ``operator_matrices`` in the operator of the march of a scheme."""
     mass, damping, stiffness = operator_weights(model, scheme, dt)
-    factors = [mass, stiffness] if model.reduced[1] is None else [mass, stiffness, damping]
+    if model.reduced[1] is None:
+        factors = [mass, stiffness]
+    else:
+        factors = [mass, stiffness, damping]
     if model.unrelaxed is not None:
         factors.append(scheme.operator(dt)[2] - stiffness)  # it has no branches
     return factors
@@ -490,9 +498,14 @@ def operator_matrices(model: SubstructureModel) -> list[sp.csr_array]:
     """Matrices (n, n) of the operator of a march: M, K, and where there are, C and the part of K
     without branches."""
     mass, damping, stiffness = model.reduced
-    matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
+    if damping is None:
+        matrices = [mass, stiffness]
+    else:
+        matrices = [mass, stiffness, damping]
     unrelaxed = unrelaxed_part(model)
-    return matrices if unrelaxed is None else [*matrices, unrelaxed]
+    if unrelaxed is None:
+        return matrices
+    return [*matrices, unrelaxed]
 
 
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
@@ -521,7 +534,10 @@ def _sharing(model: SubstructureModel, other: SubstructureModel, names: frozense
 
 def node_values(model: SubstructureModel, full: Array) -> Array:
     """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
-    values = full if model.nodal is None else model.nodal @ full
+    if model.nodal is None:
+        values = full
+    else:
+        values = model.nodal @ full
     return values.reshape(-1, 3)
 
 
@@ -531,7 +547,9 @@ def damping_forces(model: SubstructureModel, velocities: Array) -> Array | None:
     if model.modal_rows is None:
         return forces
     modal = model.modal_rows.T @ (model.modal_rows @ velocities)
-    return modal if forces is None else forces + modal
+    if forces is None:
+        return modal
+    return forces + modal
 
 
 def resting(model: SubstructureModel) -> SubstructureModel:

@@ -112,7 +112,10 @@ class ReducedPropagator(Propagator):
         # damping couples the coordinates
         inverse: Array = 1.0 / a if damp is None else la.inv(np.diag(a) + c_damping * damp)
         trace: Array = (model.trace @ model.expansion).toarray()
-        scaled = inverse[:, None] * trace.T if damp is None else inverse @ trace.T
+        if damp is None:
+            scaled = inverse[:, None] * trace.T
+        else:
+            scaled = inverse @ trace.T
         compliance = scheme.interface_gain(dt) * scheme.traction_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
         # products of rounded factors: symmetric to round-off
@@ -138,7 +141,10 @@ class ReducedPropagator(Propagator):
     def internal_forces(self) -> tuple[Array, Array]:
         """K u and C v of the modes, (n_mode, n_member), N kg-1/2."""
         ops, state = self.operators, self.state
-        viscous = np.zeros_like(state.v) if ops.damp is None else ops.damp @ state.v
+        if ops.damp is None:
+            viscous = np.zeros_like(state.v)
+        else:
+            viscous = ops.damp @ state.v
         return ops.diagonal[:, None] * state.u, viscous
 
     def mass_factor(self) -> _Unit:
@@ -172,7 +178,10 @@ def _same_basis(first: Sequence[SubstructureModel], second: Sequence[Substructur
     """Whether models with equal matrices have equal loads and initial values, which the Ritz vectors depend on."""
 
     def data(model: SubstructureModel) -> list[Array]:
-        speed = np.zeros(0) if model.imposed_speed is None else model.imposed_speed
+        if model.imposed_speed is None:
+            speed = np.zeros(0)
+        else:
+            speed = model.imposed_speed
         return [model.displacement, model.velocity, model.imposed_start, speed, *(load.pattern for load in model.loads)]
 
     names = [[(m.name, [load.name for load in m.loads]) for m in models] for models in (first, second)]
@@ -205,7 +214,10 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
     damping = None if model.damping is None else sp.csr_array(projected(model.damping))
     if model.modal is not None:
         modal = sp.csr_array(_modal_damping(model, reduction.eigenvalues, stiffness))
-        damping = modal if damping is None else sp.csr_array(damping + modal)
+        if damping is None:
+            damping = modal
+        else:
+            damping = sp.csr_array(damping + modal)
     common = replace(
         model,
         mass=sp.csr_array(mass),

@@ -221,7 +221,9 @@ def _damping(model: SubstructureModel, basis: Array, eigenvalues: Array) -> Arra
     if model.damping is None and model.modal is None:
         return None
     modal = np.diag(modal_damping(model, eigenvalues))
-    return modal if model.damping is None else np.asarray(basis.T @ (model.damping @ basis) + modal)
+    if model.damping is None:
+        return modal
+    return np.asarray(basis.T @ (model.damping @ basis) + modal)
 
 
 def _coupling(damping: sp.csr_array | None, modes: Array, mass: sp.csr_array) -> Array:
@@ -235,7 +237,10 @@ def _coupling(damping: sp.csr_array | None, modes: Array, mass: sp.csr_array) ->
 
 def _forces(model: SubstructureModel, shapes: Array | None) -> Array:
     """Forces on the free dofs whose static responses the basis holds, (n, n_force)."""
-    tractions = np.eye(model.channel_area.size) if shapes is None else shapes
+    if shapes is None:
+        tractions = np.eye(model.channel_area.size)
+    else:
+        tractions = shapes
     columns = model.trace.T @ (model.channel_area[:, None] * tractions)
     # forces that prescribed motions exert through K and M
     moved = [matrix @ model.imposed_pattern for matrix in (model.stiffness, model.inertia)]

@@ -69,9 +69,15 @@ class StableStep:
 
     def _step(self, largest: Largest) -> float:
         w2 = largest(self._stiffness, self._mass)
-        c = 0.0 if self._lagged is None else max(0.0, largest(self._lagged, self._mass))
+        if self._lagged is None:
+            c = 0.0
+        else:
+            c = max(0.0, largest(self._lagged, self._mass))
         if w2 <= 0.0:
-            return float("inf") if c == 0.0 else 2.0 / c  # damping alone: dt c <= 2
+            # damping alone: dt c <= 2
+            if c == 0.0:
+                return float("inf")
+            return 2.0 / c
         return float((np.sqrt(c * c + 4.0 * w2) - c) / w2)
 
 
@@ -132,7 +138,10 @@ def _lanczos(
     n = len(inverse)
     scaled, after = np.empty(n), np.empty(n)
     for step in range(first, last):
-        past = beside[step - 1] if step > 0 else 0.0
+        if step > 0:
+            past = beside[step - 1]
+        else:
+            past = 0.0
         for i in range(n):
             scaled[i] = inverse[i] * vectors[1, i]
         along = 0.0

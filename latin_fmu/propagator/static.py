@@ -218,12 +218,17 @@ class StaticPropagator(Propagator):
 
     def shared(self, springs: Array) -> list[tuple[float, Any]] | None:
         """Operators of this propagator for others of equal models, None where their springs (n_channel,) differ."""
-        return self._kept if np.array_equal(self._springs, springs) else None
+        if np.array_equal(self._springs, springs):
+            return self._kept
+        return None
 
     def _build(self, dt: float) -> StaticOperators:
         """One factor serves every length of increment."""
         if not self._kept:
-            build = build_joined_operators if self.joined else build_static_operators
+            if self.joined:
+                build = build_joined_operators
+            else:
+                build = build_static_operators
             return build(self.members[0], self._springs, dt)
         step, operators = self._kept[-1]
         assert isinstance(operators, StaticOperators)

@@ -39,8 +39,14 @@ class Vibration:
     ) -> None:
         self.stiffness = stiffness
         self.mass = mass
-        self._dense = DENSE if dense is None else dense
-        self.shift = _SHIFT * stiffness.trace() / mass.trace() if shift is None else shift
+        if dense is None:
+            self._dense = DENSE
+        else:
+            self._dense = dense
+        if shift is None:
+            self.shift = _SHIFT * stiffness.trace() / mass.trace()
+        else:
+            self.shift = shift
         nothing = np.zeros(0, dtype=np.int64)
         self._factor = CholeskyFactor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)
 
@@ -83,7 +89,9 @@ class Vibration:
             band, found = values <= limit, rigid.shape[1] + len(values)
             # other than requested: all that there are
             if not band.all() or found != requested or requested >= self.n:
-                return (values[band], vectors[:, band]) if band.sum() <= most else None
+                if band.sum() <= most:
+                    return (values[band], vectors[:, band])
+                return None
             if requested > most + rigid.shape[1]:
                 return None
             requested *= 2

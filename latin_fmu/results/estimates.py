@@ -78,7 +78,9 @@ class TruncationError:
     def in_words(self) -> str:
         """The largest error and its quantity."""
         name, error = self.largest
-        return f"{100.0 * error:.2g} % ({name})" if np.isfinite(error) else f"not known ({name or 'no quantity'})"
+        if np.isfinite(error):
+            return f"{100.0 * error:.2g} % ({name})"
+        return f"not known ({name or 'no quantity'})"
 
 
 _NUMBERS: Final = rows(
@@ -125,7 +127,10 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
         for owner in owners:
             own = [q for q in bare if q.quantity.rpartition(".")[0] == owner]
             size = max(q.history for q in own)
-            off = f"is {percent(size)}" if math.isfinite(size) else "is unknown"
+            if math.isfinite(size):
+                off = f"is {percent(size)}"
+            else:
+                off = "is unknown"
             made.append(
                 f"{', '.join(q.quantity for q in own)}: no error: the history of the force, on which it rests, has one "
                 f"that {off}, more than {percent(MOST_OF_HISTORY)}; refine steps and mesh"
@@ -164,7 +169,10 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
 
 
 def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:
-    order = "-" if math.isnan(q.order) else f"{q.order:.1f}"
+    if math.isnan(q.order):
+        order = "-"
+    else:
+        order = f"{q.order:.1f}"
     return q.quantity, readable(q.value, units.shown(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
 
 
@@ -176,4 +184,6 @@ def error_text(error: float) -> str:
     """
     if not math.isfinite(error):
         return "unknown"
-    return f"< {100 * FLOOR:g} %" if error < FLOOR else percent(error)
+    if error < FLOOR:
+        return f"< {100 * FLOOR:g} %"
+    return percent(error)

@@ -93,7 +93,10 @@ def universal_file(tree: xr.DataTree, names: Sequence[str]) -> str:
         node, time = 1 + every.index(name), np.asarray(tree[f"sensors/{name}"]["time"].values)
         for motion, values, unit in _motions(tree, name):
             data, size = _MOTIONS[motion.removesuffix("_filtered")][0], units.size(unit)
-            label = unit if units.measurable else "NONE"
+            if units.measurable:
+                label = unit
+            else:
+                label = "NONE"
             for axis, letter in enumerate(AXES):
                 own = f"{name} {motion} {letter}"
                 lines += _dataset_58(_Function(own, _TIME, node, axis + 1, data, label, time, size * values[:, axis]))
@@ -108,7 +111,10 @@ def _spectrum(name: str, node: int, spectrum: ShockSpectrum, units: UnitSystem) 
             for axis, letter in enumerate(AXES):
                 values = units.size(unit) * getattr(spectrum, kind)[r, :, axis]
                 own = f"{name} {response} {kind} {letter} Q {spectrum.quality:g}"
-                label = unit if units.measurable else "NONE"
+                if units.measurable:
+                    label = unit
+                else:
+                    label = "NONE"
                 yield from _dataset_58(
                     _Function(own, _SPECTRUM, node, axis + 1, data, label, spectrum.frequency, values)
                 )

@@ -175,7 +175,10 @@ def open_results(path: str | Path) -> xr.DataTree:
 
     source = Path(path)
     if not source.is_file():
-        what = "this is a folder" if source.is_dir() else "no such file"
+        if source.is_dir():
+            what = "this is a folder"
+        else:
+            what = "no such file"
         raise _unreadable(source, what, remedy="give the .nc file written by a run")
     damaged = "the file is damaged: its digest does not match"
     try:

@@ -34,4 +34,6 @@ def uniform_step(time: Array) -> float:
     steps = np.diff(time)
     uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps.mean()
     # the mean has more digits than a difference of two instants
-    return float(time[-1] - time[0]) / len(steps) if uniform else 0.0
+    if uniform:
+        return float(time[-1] - time[0]) / len(steps)
+    return 0.0

@@ -90,7 +90,9 @@ class StoredGroup:
 
 def finite(value: float | None) -> float | None:
     """A number for strict JSON: None in the place of one that is not finite."""
-    return float(value) if value is not None and math.isfinite(value) else None
+    if value is not None and math.isfinite(value):
+        return float(value)
+    return None
 
 
 def _plain(values: NDArray[Any]) -> Any:
@@ -103,12 +105,16 @@ def _plain(values: NDArray[Any]) -> Any:
 
 def _written_as(values: NDArray[Any]) -> NDArray[Any]:
     """The values; texts as objects, for which zarr has a stable type (of text of one length it has none)."""
-    return values.astype(object) if values.dtype.kind == "U" else values
+    if values.dtype.kind == "U":
+        return values.astype(object)
+    return values
 
 
 def _read_as(values: NDArray[Any], label: bool) -> NDArray[Any]:
     """The values; labels that are texts of any type as texts of one length."""
-    return values.astype(str) if label and values.dtype.kind in "OT" else values
+    if label and values.dtype.kind in "OT":
+        return values.astype(str)
+    return values
 
 
 def _by_depth(paths: Iterable[str]) -> list[str]:
@@ -211,7 +217,9 @@ def unit_of(variable: xr.DataArray, si: str) -> str:
 
 def datasets_of(tree: xr.DataTree, kind: str) -> dict[str, xr.Dataset]:
     """Datasets by name of the groups below ``kind`` (interfaces, sensors, ...), none where there is no such group."""
-    return {name: node.to_dataset() for name, node in tree[kind].children.items()} if kind in tree.children else {}
+    if kind in tree.children:
+        return {name: node.to_dataset() for name, node in tree[kind].children.items()}
+    return {}
 
 
 # -- volume meshes by UGRID ------------------------------------------------------------

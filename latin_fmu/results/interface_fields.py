@@ -174,7 +174,10 @@ class Force:
         starts = np.unique(np.concatenate([self.time, self.time - duration]))
         starts = starts[starts >= self.time[0]]
         mean = size.running_mean(duration, starts)
-        i = int(np.flatnonzero(mean >= level)[-1]) if level > 0.0 and mean.max() >= level else len(starts) - 1
+        if level > 0.0 and mean.max() >= level:
+            i = int(np.flatnonzero(mean >= level)[-1])
+        else:
+            i = len(starts) - 1
         if i == len(starts) - 1:
             return end
         first, last = float(starts[i]), float(starts[i + 1])
@@ -184,7 +187,10 @@ class Force:
         b = whole - a - c
         root = b * b - 4.0 * a * c
         # 2 a over a sum of one sign: no cancellation where c is small
-        x = -2.0 * a / (b - np.sqrt(max(root, 0.0))) if a > 0.0 else 0.0
+        if a > 0.0:
+            x = -2.0 * a / (b - np.sqrt(max(root, 0.0)))
+        else:
+            x = 0.0
         return first + float(np.clip(x, 0.0, 1.0)) * (last - first)
 
     def begin(self) -> float:
@@ -224,7 +230,9 @@ class Force:
 
     def peak_duration(self, given: float | None) -> float:
         """Duration of the mean that is the peak force, s: as given, else a tenth of the longest contact."""
-        return PEAK_SHARE * self.longest_contact() if given is None else given
+        if given is None:
+            return PEAK_SHARE * self.longest_contact()
+        return given
 
 
 @dataclass(frozen=True)
@@ -295,7 +303,10 @@ def slip_in_contact(history: InterfaceHistory, time: Array) -> Array:
         return path
     closed = np.asarray(history.contact_status) != _OPEN
     # without inertia a step is the state at its end
-    counts = closed[1:] if history.quasi_static else closed[1:] & closed[:-1]
+    if history.quasi_static:
+        counts = closed[1:]
+    else:
+        counts = closed[1:] & closed[:-1]
     moved = np.where(counts[:, :, None], np.diff(path, axis=0), 0.0)
     slid: Array = np.concatenate([np.zeros((1, *path.shape[1:])), np.cumsum(moved, axis=0)])
     return slid
@@ -320,7 +331,10 @@ def elastic_relative_motion(history: InterfaceHistory, time: Array) -> float:
     for side in (0, 1):
         velocity = history.velocity[:, side].reshape(len(time), -1)
         # without inertia velocities are those over the step that ends at the instant
-        mean = velocity[1:] if history.quasi_static else 0.5 * (velocity[1:] + velocity[:-1])
+        if history.quasi_static:
+            mean = velocity[1:]
+        else:
+            mean = 0.5 * (velocity[1:] + velocity[:-1])
         motion = np.cumsum(mean * np.diff(time)[:, None], axis=0)
         motion -= (motion @ basis) @ basis.T
         largest = max(largest, float(np.linalg.norm(motion.reshape(len(motion), -1, 3), axis=2).max(initial=0.0)))

@@ -121,7 +121,10 @@ class InterfaceRecord:
     def of_fields(cls, fields: InterfaceFields, end: float | None = None) -> InterfaceRecord:
         """From fields at the points, of a run or of a file; until an instant ``end``, s, where one is given."""
         whole = Signal(fields.time, normal_resultant(fields)[:, None]).until(end)
-        last = float(fields.time[-1]) if end is None else end
+        if end is None:
+            last = float(fields.time[-1])
+        else:
+            last = end
         opens = fields.contact_status is not None
         force, cut = Force(whole.along, whole.values[:, 0]), end is not None
         return cls(force, last, fields.peak_duration, None, opens, fields, cut=cut)
@@ -152,7 +155,9 @@ class InterfaceRecord:
     @cached_property
     def closing(self) -> float | None:
         """Instant at which an initial gap closes, s; None where the force defines the first contact."""
-        return None if self.fields is None else closing_time(self.fields, self.force.raw_peak())
+        if self.fields is None:
+            return None
+        return closing_time(self.fields, self.force.raw_peak())
 
     @property
     def bonded(self) -> bool:
@@ -185,7 +190,9 @@ class InterfaceRecord:
         from the power that the run has kept."""
         history = self.history
         if history is None or self.fields is None or not history.has_friction:
-            return None if history is None else 0.0
+            if history is None:
+                return None
+            return 0.0
         time = self.fields.time
         if not self.cut:
             return float(history.slid(time)[1][-1] @ history.areas)
@@ -197,12 +204,16 @@ class InterfaceRecord:
     @cached_property
     def largest_velocity(self) -> float:
         """Largest component of the velocities of the faces, m s-1."""
-        return 0.0 if self.history is None else float(np.abs(self.history.velocity).max(initial=0.0))
+        if self.history is None:
+            return 0.0
+        return float(np.abs(self.history.velocity).max(initial=0.0))
 
     @cached_property
     def largest_resultant(self) -> float | None:
         """Largest resultant of all tractions, N."""
-        return None if self.history is None else float(np.linalg.norm(self.history.force(), axis=1).max())
+        if self.history is None:
+            return None
+        return float(np.linalg.norm(self.history.force(), axis=1).max())
 
     @property
     def areas(self) -> Array:
@@ -220,7 +231,9 @@ class InterfaceRecord:
     @property
     def slip_share(self) -> float | None:
         """Largest share of the area that slips at one instant."""
-        return None if self.fields is None else largest_slip_share(self.fields)
+        if self.fields is None:
+            return None
+        return largest_slip_share(self.fields)
 
 
 @dataclass(frozen=True)
@@ -294,7 +307,9 @@ class SensorRecord:
             return self.requested
         frequencies = np.array([f for f in band.frequencies if f <= highest_frequency(step)])
         if not frequencies.size or band.known is not None:
-            return band.known if frequencies.size else None
+            if frequencies.size:
+                return band.known
+            return None
         return shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=LINES)
 
     @property
@@ -310,7 +325,9 @@ class SensorRecord:
         if self.band is None or self.spectrum is None:
             return None
         n = int(np.count_nonzero(self.spectrum.frequency <= self.band.highest))
-        return Signal(self.spectrum.frequency[:n], self.spectrum.acceleration[0, :n]) if n else None
+        if n:
+            return Signal(self.spectrum.frequency[:n], self.spectrum.acceleration[0, :n])
+        return None
 
     def _in_band(self, motion: Array | None) -> Signal | None:
         """A motion behind the filter of the band; it ends half a period of the cut-off before the interval, for the

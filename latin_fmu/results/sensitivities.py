@@ -85,8 +85,14 @@ def in_words(parameter: str) -> str:
     ('friction coefficient of crush', 'initial velocity z of bar')
     """
     parts = parameter.split(".")
-    owner = f" of {parts[1]}" if len(parts) > 2 else ""
-    keys = parts[2:] if len(parts) > 2 else parts
+    if len(parts) > 2:
+        owner = f" of {parts[1]}"
+    else:
+        owner = ""
+    if len(parts) > 2:
+        keys = parts[2:]
+    else:
+        keys = parts
     return " ".join(_AXES.get(key, key.replace("_", " ")) for key in keys) + owner
 
 
@@ -216,7 +222,9 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
 
         def stacked(values: Sequence[Array | None]) -> Array | None:
             known = [v for v in values if v is not None]
-            return np.stack(known) if len(known) == len(names) else None
+            if len(known) == len(names):
+                return np.stack(known)
+            return None
 
         for name, share in self.changing.items():
             own = [d.interfaces[name] for d in self.derivatives]
@@ -250,15 +258,23 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                 change, of = PART * float(q.changes[i]), self.derivatives[i]
                 if change == 0.0 or abs(change) < _SMALL * abs(q.value):
                     continue
-                much = f"{100 * change / abs(q.value):+.2g} %" if q.value else f"{change:+.3g} {units.label(q.unit)}"
-                doubt = DOUBT if q.flagged[i] else ""
-                doubt = f" (by a run with {100 * CHECKED:g} % more)" if self.is_secant(q)[i] else doubt
+                if q.value:
+                    much = f"{100 * change / abs(q.value):+.2g} %"
+                else:
+                    much = f"{change:+.3g} {units.label(q.unit)}"
+                if q.flagged[i]:
+                    doubt = DOUBT
+                else:
+                    doubt = ""
+                if self.is_secant(q)[i]:
+                    doubt = f" (by a run with {100 * CHECKED:g} % more)"
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for {100 * PART:g} % more of any parameter"
             made.append((quantity_in_words(q.quantity), text))
-        checked = (
-            f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}" if self.tried else "no"
-        )
+        if self.tried:
+            checked = f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}"
+        else:
+            checked = "no"
         if len(self.tried) < len(self.derivatives):
             checked += '; output.check_sensitivities = "all" checks every parameter that has a value 5 % larger'
         made.append(("checked", checked))
@@ -465,7 +481,10 @@ def _quantities(
     end = len(time) - 1
     for kind, owner in _other_owners(outcome, derivatives, spectra):
         for row, q in owner.quantities(kind):
-            last = end if row.last is None else row.last(owner.record)
+            if row.last is None:
+                last = end
+            else:
+                last = row.last(owner.record)
             yield replace(q, flagged=q.flagged | every.shares(last))
 
 
@@ -522,7 +541,9 @@ def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> floa
     with np.errstate(divide="ignore", invalid="ignore"):
         wait = np.where(loaded.any(axis=0) & (speed > 0.0), gap / speed, np.inf)
         p = int(np.argmin(wait))
-        return float(d_gap[p] / speed[p] - gap[p] * d_speed[p] / speed[p] ** 2) if np.isfinite(wait[p]) else 0.0
+        if np.isfinite(wait[p]):
+            return float(d_gap[p] / speed[p] - gap[p] * d_speed[p] / speed[p] ** 2)
+        return 0.0
 
 
 # -- when a quantity of an interface is flagged (module docstring) ----------------------------------------------------

@@ -111,7 +111,9 @@ def reaction_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         largest, when = largest_of(history.force, outcome.time)
         last = readable_vector([float(x) for x in history.force[-1]], units.label("N"))
         rows.append((name, history.face, readable(largest, units.label("N")), readable(when, "s"), last))
-    return aligned(rows) if len(rows) > 1 else []
+    if len(rows) > 1:
+        return aligned(rows)
+    return []
 
 
 def reaction_report(outcome: Outcome) -> dict[str, Any]:
@@ -130,8 +132,10 @@ def bolt_groups(outcome: Outcome) -> dict[str, StoredGroup]:
     for name, bolt in outcome.bolts.items():
         along = named(LABELS, {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)})
         attrs: dict[str, object] = {"substructure": bolt.substructure, "order": bolt.order}
-        attrs |= {} if bolt.target is None else {"target_force": bolt.target}
-        attrs |= {} if bolt.thread is None else {"thread": bolt.thread}
+        if bolt.target is not None:
+            attrs |= {"target_force": bolt.target}
+        if bolt.thread is not None:
+            attrs |= {"thread": bolt.thread}
         stored = [*columns(BOLT, bolt), *named(BOLT_END, {"end_force": ends[name].mean})]
         stored += stored_scalars(OF_BOLT, BoltRecord.of(bolt, outcome.time))
         groups[f"/bolts/{name}"] = StoredGroup.of(stored, along, attrs)
@@ -149,7 +153,9 @@ def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         tensions = (readable(force, units.label("N")) for force in forces)
         numbers = (*tensions, readable(stress, units.label("Pa")), bolt.thread or "mesh", shortening)
         rows.append((name, bolt.substructure, str(bolt.order), *numbers))
-    return aligned(rows) if len(rows) > 1 else []
+    if len(rows) > 1:
+        return aligned(rows)
+    return []
 
 
 def bolt_report(outcome: Outcome) -> dict[str, Any]:
@@ -191,7 +197,9 @@ def largest_of(values: Array, time: Array) -> tuple[float, float]:
 def _largest(history: SensorHistory, row: StoredQuantity, time: Array) -> tuple[float, float] | None:
     """``largest_of`` a motion of a sensor, None where it has none."""
     values = row.of(history)
-    return None if values is None else largest_of(values, time)
+    if values is None:
+        return None
+    return largest_of(values, time)
 
 
 _TIGHT: Final = 0.1  # of the largest tension: a bolt with less at the start is loaded by the run, not by tightening
@@ -237,7 +245,9 @@ class TensionEnd:
             if len(turns) < 2 or time[-1] - time[turns[-1]] > 2.0 * (time[turns[-1]] - time[turns[-2]]):
                 continue
             halves = min(len(turns) - 1, 2 * _PERIODS)
-            halves -= halves % 2 if halves > 1 else 0  # whole periods where there is one
+            # whole periods where there is one
+            if halves > 1:
+                halves -= halves % 2
             begin, end = turns[-1 - halves], turns[-1]
             of, steps = tension[begin : end + 1], np.diff(time[begin : end + 1])
             mean = float(0.5 * (of[1:] + of[:-1]) @ steps / steps.sum())
@@ -249,7 +259,9 @@ class TensionEnd:
     def periods(self) -> str:
         """What the mean is taken over, in words."""
         if self.half_periods < 3:
-            return "last period" if self.half_periods == 2 else "last half period"
+            if self.half_periods == 2:
+                return "last period"
+            return "last half period"
         return f"last {self.half_periods // 2} periods"
 
 
@@ -269,10 +281,12 @@ def _turns(values: Array, least: float) -> list[int]:
     for i, value in enumerate(values):
         low, high = i if value < values[low] else low, i if value > values[high] else high
         if sense >= 0 and values[high] - value >= least:
-            turns += [high] if values[high] - values[0] >= least or turns else []
+            if values[high] - values[0] >= least or turns:
+                turns += [high]
             sense, low = -1, i
         elif sense <= 0 and value - values[low] >= least:
-            turns += [low] if values[0] - values[low] >= least or turns else []
+            if values[0] - values[low] >= least or turns:
+                turns += [low]
             sense, high = 1, i
     return turns
 
@@ -281,7 +295,9 @@ def share_lost(tension: Array, end: float) -> float | None:
     """Share of the tension (n_time,) of a bolt at the start that is lost at the ``end``, N; < 0 where it has gained.
     None where the bolt was never tight: its tension at the start is less than a tenth of the largest."""
     first = float(tension[0])
-    return (first - end) / first if first > _TIGHT * float(tension.max()) else None
+    if first > _TIGHT * float(tension.max()):
+        return (first - end) / first
+    return None
 
 
 def loss_text(tension: Array, end: float) -> str:
@@ -289,7 +305,9 @@ def loss_text(tension: Array, end: float) -> str:
     lost = share_lost(tension, end)
     if lost is None:
         return "never tight"
-    return "nothing lost" if abs(lost) < FLOOR else f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
+    if abs(lost) < FLOOR:
+        return "nothing lost"
+    return f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
 
 
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
@@ -305,7 +323,9 @@ def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         # the highest derivative there is: of a quasi-static run the displacement
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
-    return aligned(rows) if len(rows) > 1 else []
+    if len(rows) > 1:
+        return aligned(rows)
+    return []
 
 
 def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI) -> list[str]:
@@ -316,7 +336,9 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
         ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
         largest = readable(float(s.acceleration[0, i, axis]), units.shown("m s-2"))
         rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
-    return aligned(rows) if len(rows) > 1 else []
+    if len(rows) > 1:
+        return aligned(rows)
+    return []
 
 
 def sensor_report(outcome: Outcome) -> dict[str, Any]:

@@ -101,7 +101,9 @@ Errors = dict[str, QuantityEstimate]
 def _error(errors: Errors, owner: str, definition: QuantityOfInterest) -> str:
     """`` +- 0.7 %`` behind a value, or nothing without an estimate."""
     found = errors.get(f"{owner}.{definition.key}")
-    return "" if found is None else _error_of(found.error, found.bound_only)
+    if found is None:
+        return ""
+    return _error_of(found.error, found.bound_only)
 
 
 def _error_of(error: float, bound_only: bool = False) -> str:
@@ -169,13 +171,18 @@ def _peak(history: InterfaceHistory, force: Force, units: UnitSystem, errors: Er
 
 def _at(when: float, time: Array, static: bool) -> str:
     """An instant behind a value; of an equilibrium that of the end, where loads are whole, goes without saying."""
-    return "" if static and when >= time[-1] else f" at {readable(when, 's', 3)}"
+    if static and when >= time[-1]:
+        return ""
+    return f" at {readable(when, 's', 3)}"
 
 
 def _raw_peak(name: str, peak: float, raw: float, units: UnitSystem, errors: Errors) -> Iterator[str]:
     """The largest force of a single instant, where it is above the largest mean by more than its error or a tenth."""
     found = errors.get(f"{name}.{PEAK_FORCE_RAW.key}")
-    error = _APART if found is None or not np.isfinite(found.error) else min(found.relative_error, _APART)
+    if found is None or not np.isfinite(found.error):
+        error = _APART
+    else:
+        error = min(found.relative_error, _APART)
     if raw - peak > error * raw:
         yield f"raw peak {readable(raw, units.label('N'))}{_error(errors, name, PEAK_FORCE_RAW)} (at a single instant)"
 
@@ -188,7 +195,9 @@ def _up_to(forces: Array, time: Array, units: UnitSystem, static: bool) -> str:
 
 def _nearest(history: InterfaceHistory) -> float | None:
     """Smallest gap, m."""
-    return None if history.gap is None else float(max(history.gap.min(), 0.0))
+    if history.gap is None:
+        return None
+    return float(max(history.gap.min(), 0.0))
 
 
 def _pressed(history: InterfaceHistory) -> bool:
@@ -203,9 +212,16 @@ def _contact(
     """From when to when it carries a force; ``joined``: its sides touch at the start, loaded or not."""
     if _pressed(history):
         return "in contact throughout"
-    does = "carries a force" if joined else "touches"
-    begin = f"{does} from the start" if first <= time[0] else f"{does} from "
-    begin += "" if first <= time[0] else _instant(errors, history.name, FIRST_CONTACT, first)
+    if joined:
+        does = "carries a force"
+    else:
+        does = "touches"
+    if first <= time[0]:
+        begin = f"{does} from the start"
+    else:
+        begin = f"{does} from "
+    if not (first <= time[0]):
+        begin += _instant(errors, history.name, FIRST_CONTACT, first)
     if last is None or last >= time[-1]:
         return f"{begin}, still at the end"
     return f"{begin} to {_instant(errors, history.name, SEPARATION, last)}"
@@ -258,8 +274,12 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
     else:
         clauses.append(f"{last} at the end ({lost})")
     text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, LARGEST_BOLT_FORCE)}"
-    section = "its meshed section" if bolt.thread is None else f"the stress area of {bolt.thread}"
-    section = f"{bolt.share:.4g} of {section}" if bolt.thread is not None and bolt.share != 1.0 else section
+    if bolt.thread is None:
+        section = "its meshed section"
+    else:
+        section = f"the stress area of {bolt.thread}"
+    if bolt.thread is not None and bolt.share != 1.0:
+        section = f"{bolt.share:.4g} of {section}"
     stress = readable(high / bolt.stress_area, units.label("Pa"), 3)
     clauses.append(f"{text} during the run, at most {stress} over {section}")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:
@@ -283,15 +303,30 @@ def _sensor(
             continue
         largest, when = largest_of(behind.get(motion, values), time)
         found = errors.get(f"{history.name}.{definition.key}")
-        value = largest if found is None else found.value
+        if found is None:
+            value = largest
+        else:
+            value = found.value
         text = f"{motion} up to {readable(value, units.shown(definition.unit), 3)}"
         if definition is ACCELERATION_PEAK:
             text += _in_g(value, units)
         text += _error(errors, history.name, definition)
         # with an estimate in the band of the filter or of the mesh, which a note gives in hertz
-        unfiltered = " (unfiltered)" if chosen is None or motion not in behind else f" ({chosen.label})"
-        limited = "" if definition is DISPLACEMENT_PEAK else " (band-limited)" if found is not None else unfiltered
-        seen = "" if found is not None else _at(when, time, history.acceleration is None)
+        if chosen is None or motion not in behind:
+            unfiltered = " (unfiltered)"
+        else:
+            unfiltered = f" ({chosen.label})"
+        if definition is DISPLACEMENT_PEAK:
+            limited = ""
+        else:
+            if found is not None:
+                limited = " (band-limited)"
+            else:
+                limited = unfiltered
+        if found is not None:
+            seen = ""
+        else:
+            seen = _at(when, time, history.acceleration is None)
         clauses.append(f"{text}{seen}{limited}")
     return clauses
 
@@ -307,7 +342,10 @@ def _spectrum(spectrum: ShockSpectrum, error: Array | None, units: UnitSystem) -
     maximax = spectrum.acceleration[0]
     i, axis = (int(k) for k in np.unravel_index(int(np.argmax(maximax)), maximax.shape))
     largest = readable(float(maximax.max()), units.shown("m s-2"), 3)
-    off = "" if error is None else _error_of(float(error[0, i, axis]))
+    if error is None:
+        off = ""
+    else:
+        off = _error_of(float(error[0, i, axis]))
     text = f"spectrum (Q {spectrum.quality:g}) up to {largest}{_in_g(float(maximax.max()), units)}{off}"
     return f"{text} at {readable(spectrum.frequency[i], 'Hz', 3)}"
 

@@ -180,7 +180,8 @@ class Solution:
         lines += ["", *self._cost()]
         if details:
             lines += ["", *details_of(self.outcome, self.units), *self._sensor_lines()]
-            lines += [] if self.estimate is None else ["", *self.estimate.lines(self.units)]
+            if self.estimate is not None:
+                lines += ["", *self.estimate.lines(self.units)]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -212,8 +213,10 @@ class Solution:
         ``sensors``, ``reactions`` and ``bolts`` in ``results.sensors``; ``units``: system of units of the scene."""
         estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report(self.units)}
         sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
-        sensors |= {"reactions": reaction_report(self.outcome)} if self.reactions else {}
-        sensors |= {"bolts": bolt_report(self.outcome)} if self.bolts else {}
+        if self.reactions:
+            sensors |= {"reactions": reaction_report(self.outcome)}
+        if self.bolts:
+            sensors |= {"bolts": bolt_report(self.outcome)}
         if self.sensitivities is not None:
             sensors |= {"sensitivities": self.sensitivities.report(self.units)}
         if self.bands is not None:

@@ -115,7 +115,10 @@ def shock_response_spectrum(
     1650.0
     """
     samples, f = np.asarray(acceleration, dtype=float), np.atleast_1d(np.asarray(frequencies, dtype=float))
-    problems = list(spectrum_problems("frequencies", f, step)) if step > 0 else [Problem("step", "not a positive time")]
+    if step > 0:
+        problems = list(spectrum_problems("frequencies", f, step))
+    else:
+        problems = [Problem("step", "not a positive time")]
     if not (np.isfinite(f) & (f > 0)).all():
         problems.append(Problem("frequencies", "not a positive frequency", f"{f.min():g} Hz", "a frequency > 0 [Hz]"))
     if not quality > 0.5:
@@ -128,7 +131,10 @@ def shock_response_spectrum(
     if problems:
         raise InputError(problems, "no shock response spectrum")
     columns = samples.reshape(len(samples), -1)
-    damping = 0.0 if math.isinf(quality) else 0.5 / quality
+    if math.isinf(quality):
+        damping = 0.0
+    else:
+        damping = 0.5 / quality
     shape = (2, 3, len(f), *samples.shape[1:])
     if interpolation == LINES:
         both = _spectra(columns, step, f, damping).reshape(shape)

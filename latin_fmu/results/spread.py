@@ -134,7 +134,10 @@ class QuantityBand:
             return f"{text}, does not change"
         if abs(shift) > _ASKEW * half:
             return f"{text}, {readable(float(self.band.low), label)} to {readable(float(self.band.high), label)}"
-        share = f" ({percent(half / abs(self.value))})" if self.value else ""
+        if self.value:
+            share = f" ({percent(half / abs(self.value))})"
+        else:
+            share = ""
         return f"{text} +- {readable(half, label, 3)}{share}"
 
 

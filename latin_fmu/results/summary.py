@@ -98,7 +98,10 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
 
 def _penetration(outcome: Outcome, units: UnitSystem) -> str:
     landed, sunk = (readable(value, units.label("m"), 3) for value in (outcome.landed(), outcome.sunk()))
-    closed = f", in addition {sunk} at points that stayed closed" if outcome.sunk() > 0.0 else ""
+    if outcome.sunk() > 0.0:
+        closed = f", in addition {sunk} at points that stayed closed"
+    else:
+        closed = ""
     return f"{landed} at points after impact{closed}"
 
 
@@ -112,15 +115,22 @@ def _iterations(outcome: Outcome) -> str:
         text = f"min {min(counts)}, mean {np.mean(counts):.3g}, max {max(counts)} over {len(counts)} windows"
     fallen = sum(bool(window.fallbacks) for window in outcome.windows)
     failed = sum(not window.converged for window in outcome.windows)
-    text += f"; {fallen} used a fall-back" if fallen else ""
+    if fallen:
+        text += f"; {fallen} used a fall-back"
     return text + (f"; {failed} not converged" if failed else "")
 
 
 def _energy(outcome: Outcome, units: UnitSystem) -> str:
     energy = outcome.energy or {}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in energy.values()), default=0.0)
-    left = float(np.abs(energy["balance"]).max(initial=0.0)) if "balance" in energy else 0.0
-    share = f"{left / largest:.1e}" if largest > 0.0 else "0"
+    if "balance" in energy:
+        left = float(np.abs(energy["balance"]).max(initial=0.0))
+    else:
+        left = 0.0
+    if largest > 0.0:
+        share = f"{left / largest:.1e}"
+    else:
+        share = "0"
     text = f"balance closed to {share} of the largest term ({readable(largest, units.label('J'))})"
     for key in ("friction_dissipation", "contact_dissipation", "landing_dissipation", "scheme_dissipation"):
         if key in energy and energy[key][-1] != 0.0:
@@ -141,7 +151,10 @@ def _balance(resultants: Mapping[str, Resultants], units: UnitSystem) -> str:
     worst = max(off, key=lambda name: off[name])
     if all(r.vanishes for r in resultants.values()):
         return f"no force beyond round-off ({readable(largest, units.label('N'), 2)})"
-    share = f"{off[worst] / largest:.1e}" if largest > 0.0 else "0"
+    if largest > 0.0:
+        share = f"{off[worst] / largest:.1e}"
+    else:
+        share = "0"
     size = readable(largest, units.label("N"))
     return f"forces on every body closed to {share} of the largest ({size}), worst {worst}"
 
@@ -173,7 +186,10 @@ def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tupl
     impulse = "-"
     raw = PEAK_FORCE_RAW.value(record)
     if bonded or history.quasi_static:
-        whole = np.linalg.norm(history.force(), axis=1) if bonded else np.abs(history.normal_resultant())
+        if bonded:
+            whole = np.linalg.norm(history.force(), axis=1)
+        else:
+            whole = np.abs(history.normal_resultant())
         peak = float(whole.max(initial=0.0))
         mean = "-"
         raw = None
@@ -200,4 +216,6 @@ def _slip_text(history: InterfaceHistory, fields: InterfaceFields, time: Array) 
     slip = largest_slip_share(fields) if history.has_friction else None
     if slip is None:
         return "-"
-    return "sticks" if sticks(history, fields, time) else f"max {100 * slip:.0f} %"
+    if sticks(history, fields, time):
+        return "sticks"
+    return f"max {100 * slip:.0f} %"

@@ -274,7 +274,10 @@ def ring_down(
     weak = np.flatnonzero(np.abs(signal) < _WEAK * np.abs(signal).max(initial=0.0))
     signal, time = signal[: weak[0] if weak.size else None], time[inside][: weak[0] if weak.size else None]
     theta, log_size = np.unwrap(np.angle(signal)), np.log(np.abs(signal))
-    period = 2 * np.pi * (time[1] - time[0]) / float(np.median(np.diff(theta))) if len(time) > 2 else np.inf
+    if len(time) > 2:
+        period = 2 * np.pi * (time[1] - time[0]) / float(np.median(np.diff(theta)))
+    else:
+        period = np.inf
     length = round(periods * period / (time[1] - time[0])) if np.isfinite(period) else len(time)
     if not 2 < length <= len(time):
         what, wanted = "is too short for a window", f"{periods} periods without both ends, which the filter distorts"

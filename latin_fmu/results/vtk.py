@@ -96,7 +96,10 @@ def export_vtu(results: xr.DataTree | HasTree, folder: str | Path) -> Path:
     ------
     UnwrittenError : the folder cannot be used (see ``check_export_folder``) or writing failed.
     """
-    tree = results if isinstance(results, xr.DataTree) else results.to_datatree()
+    if isinstance(results, xr.DataTree):
+        tree = results
+    else:
+        tree = results.to_datatree()
     write_whole(folder, lambda draft: _write_all(tree, draft), check_export_folder)
     return Path(folder) / "results.pvd"
 
@@ -105,7 +108,13 @@ def _write_all(tree: xr.DataTree, folder: Path) -> None:
     folder.mkdir()
     entries = []
     for part, (name, dataset) in enumerate(_parts(tree).items()):
-        make = _substructure_piece if "mesh" in dataset else _sensor_piece if "sensor" in dataset else _interface_piece
+        if "mesh" in dataset:
+            make = _substructure_piece
+        else:
+            if "sensor" in dataset:
+                make = _sensor_piece
+            else:
+                make = _interface_piece
         for i, time in enumerate(dataset["time"].values):
             piece = make(dataset.isel(time=i))
             file = f"{name}_{i:05d}.vtu"
@@ -149,8 +158,14 @@ def _data_array(name: str, values: NDArray[Any]) -> str:
     # number of blocks, size of a block, of the last one (0: as the others), packed size of each
     sizes = np.array([1, len(data), 0, len(packed)] if data else [0, 0, 0], dtype="<u8").tobytes()
     text = b64encode(sizes).decode() + (b64encode(packed).decode() if data else "")
-    width = values.shape[1] if values.ndim > 1 else 1
-    components = f' NumberOfComponents="{width}"' if values.ndim > 1 else ""
+    if values.ndim > 1:
+        width = values.shape[1]
+    else:
+        width = 1
+    if values.ndim > 1:
+        components = f' NumberOfComponents="{width}"'
+    else:
+        components = ""
     return f'<DataArray type="{kind}" Name={quoteattr(name)}{components} format="binary">{text}</DataArray>'
 
 

@@ -68,7 +68,9 @@ def check_target(path: str | Path, size: float = 0.0) -> Path:
 def _example(target: Path) -> Path:
     if target.is_dir():
         return target / "out.nc"
-    return Path("out.nc") if Path("/dev") in target.parents else target.parent / "out.nc"
+    if Path("/dev") in target.parents:
+        return Path("out.nc")
+    return target.parent / "out.nc"
 
 
 def _behind_links(path: str | Path) -> tuple[Path, int | None]:
@@ -94,7 +96,10 @@ def check_folder(folder: Path, size: float = 0.0) -> None:
     ResultsError : missing, not a folder, not writable, or too little space.
     """
     if not folder.is_dir():
-        what = "this is a file, not a folder" if folder.exists() else "the folder does not exist"
+        if folder.exists():
+            what = "this is a file, not a folder"
+        else:
+            what = "the folder does not exist"
         raise unwritable(folder, what, "create the folder or choose another place")
     try:
         # permissions do not show read-only or full file systems

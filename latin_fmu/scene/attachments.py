@@ -35,14 +35,22 @@ class Place(SceneTable):
         if self.face is not None and self.substructure is not None:
             raise refusal("the face names its substructure already", value=self.substructure, remedy="remove the key")
         if self.face is None and (self.substructure is None or self.point is None):
-            missing = "'point'" if self.substructure is not None else "'substructure'" if self.point else "'face'"
+            if self.substructure is not None:
+                missing = "'point'"
+            else:
+                if self.point:
+                    missing = "'substructure'"
+                else:
+                    missing = "'face'"
             raise refusal(f"{missing} is missing", allowed="'face', or 'substructure' with 'point'")
         return self
 
     @property
     def body(self) -> str:
         """Substructure of the place."""
-        return split_face(self.face)[0] if self.face is not None else str(self.substructure)
+        if self.face is not None:
+            return split_face(self.face)[0]
+        return str(self.substructure)
 
 
 class PointMass(Place):
@@ -91,13 +99,17 @@ class End(Place):
     @property
     def side(self) -> str:
         """Side of an interface: the face, the whole boundary of the substructure for a point, or the ground."""
-        return GROUND if self.against_ground else self.face or f"{self.substructure}.*"
+        if self.against_ground:
+            return GROUND
+        return self.face or f"{self.substructure}.*"
 
 
 def _as_end(value: object) -> object:
     if not isinstance(value, str):
         return value
-    return {"substructure": GROUND} if value == GROUND else {"face": value}
+    if value == GROUND:
+        return {"substructure": GROUND}
+    return {"face": value}
 
 
 OneEnd = Annotated[End, BeforeValidator(_as_end)]

@@ -88,7 +88,9 @@ class BodyLoadKind(ABC):
     def arrow(self, table: Any) -> Array | None:
         """Direction (3,) of the arrow of a picture; None where it has none."""
         value = self.value(table)
-        return np.asarray(value, dtype=float) if isinstance(value, tuple) else None
+        if isinstance(value, tuple):
+            return np.asarray(value, dtype=float)
+        return None
 
     def owner(self, _name: str, /) -> str | None:
         """The body that a load is described with; None where it has a table of its own."""
@@ -99,11 +101,16 @@ class BodyLoadKind(ABC):
         tables = getattr(scene, self.tables)
         if isinstance(tables, dict):
             return tables
-        return {} if tables is None else {"": tables}
+        if tables is None:
+            return {}
+        return {"": tables}
 
     def written_laws(self, raw: Any) -> Iterator[tuple[str, Any]]:
         """Place of every law of a scene as written, and the law."""
-        tables = named_tables(raw, self.tables) if "{}" in self.name else {"": single_table(raw, self.tables)}
+        if "{}" in self.name:
+            tables = named_tables(raw, self.tables)
+        else:
+            tables = {"": single_table(raw, self.tables)}
         for name, table in tables.items():
             yield self.place(name), table.get(self.law_key)
 
@@ -113,7 +120,10 @@ class BodyLoadKind(ABC):
 
     def at_rest(self, data: Tables, name: str, _still: Sequence[str], law: Tables | None, /) -> None:
         """Give a load another law in the tables ``data`` of a scene of these bodies; None takes the load out."""
-        tables = data[self.tables] if name else data
+        if name:
+            tables = data[self.tables]
+        else:
+            tables = data
         if law is None:
             tables.pop(name or self.tables)
         else:
@@ -217,7 +227,10 @@ class TemperatureKind(BodyLoadKind):
         """Bodies that are left out are not named."""
         table = data[self.tables][name]
         everywhere = ALL in table["substructures"]
-        heated = list(still) if everywhere else [body for body in still if body in table["substructures"]]
+        if everywhere:
+            heated = list(still)
+        else:
+            heated = [body for body in still if body in table["substructures"]]
         super().at_rest(data, name, still, law if heated else None)
         if not everywhere:
             table["substructures"] = heated

@@ -98,11 +98,15 @@ class ThreadTable(SceneTable):
     @property
     def named(self) -> ThreadSize | None:
         """Its size, None where it has none."""
-        return None if self.size is None else thread_named(self.size)
+        if self.size is None:
+            return None
+        return thread_named(self.size)
 
 
 def _as_thread(value: object) -> object:
-    return {"size": value} if isinstance(value, str) else value
+    if isinstance(value, str):
+        return {"size": value}
+    return value
 
 
 Thread = Annotated[ThreadTable, BeforeValidator(_as_thread)]
@@ -197,22 +201,30 @@ class Bolt(SceneTable):
     @property
     def size(self) -> str | None:
         """Size of its thread, None where it names none."""
-        return None if self.thread is None else self.thread.size
+        if self.thread is None:
+            return None
+        return self.thread.size
 
     def nominal(self, units: UnitSystem) -> float | None:
         """Nominal diameter in these units, m; None where the bolt gives none."""
         named = None if self.thread is None else self.thread.named
-        return self.diameter if named is None else 1e-3 * named.diameter / units.size("m")
+        if named is None:
+            return self.diameter
+        return 1e-3 * named.diameter / units.size("m")
 
     def thread_area(self, units: UnitSystem) -> float | None:
         """Tensile stress area of its thread in these units, m2; None where it names none."""
         named = None if self.thread is None else self.thread.named
-        return None if named is None else 1e-6 * named.stress_area / units.size("m2")
+        if named is None:
+            return None
+        return 1e-6 * named.stress_area / units.size("m2")
 
     def class_stress(self, units: UnitSystem) -> float | None:
         """Yield stress of its property class in these units, Pa; None where it names none."""
         stress = None if self.property_class is None else class_yield(self.property_class)
-        return None if stress is None else 1e6 * stress / units.size("Pa")
+        if stress is None:
+            return None
+        return 1e6 * stress / units.size("Pa")
 
 
 # -- tables that stand for many screws ---
@@ -222,7 +234,10 @@ def with_screws(raw: Any) -> tuple[Any, list[Problem]]:
     tables = named_tables(raw, "bolt")
     made, problems = dict[str, Any](), list[Problem]()
     for name, table in tables.items():
-        patterns = [table["parts"]] if isinstance(table.get("parts"), str) else text_list(table.get("parts"))
+        if isinstance(table.get("parts"), str):
+            patterns = [table["parts"]]
+        else:
+            patterns = text_list(table.get("parts"))
         if not patterns:
             made[name] = _with_diameter(raw, table)
             continue
@@ -259,8 +274,13 @@ def _with_diameter(raw: Any, table: RawTable) -> RawTable:
 def _named(table: RawTable) -> ThreadSize | None:
     """The thread that a bolt as written names."""
     thread = table.get("thread")
-    size = thread.get("size") if isinstance(thread, Mapping) else thread
-    return thread_named(size) if isinstance(size, str) else None
+    if isinstance(thread, Mapping):
+        size = thread.get("size")
+    else:
+        size = thread
+    if isinstance(size, str):
+        return thread_named(size)
+    return None
 
 
 def _length(raw: Any, millimetres: float) -> float:
@@ -297,7 +317,8 @@ def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
         for key in ("thread", "property_class"):
             if given(table, key) and (key != "thread" or named is not None):
                 what = "a thread has a size in mm, numbers of no unit have none"
-                what = what if key == "thread" else "a class has a stress in MPa, numbers of no unit have none"
+                if key != "thread":
+                    what = "a class has a stress in MPa, numbers of no unit have none"
                 yield Problem(f"{where}.{key}", what, shown(table[key]), 'units other than "none"', "leave it out")
     elif named is not None and diameter is not None and diameter > 0.0:
         wanted = _length(raw, named.diameter)
@@ -338,7 +359,8 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
             if given(table, key) and not given(table, need):
                 what = f"{key!r} needs {need!r}: force = torque / (nut_factor diameter)"
                 remedy = f"add {need!r}, or leave {key!r} out"
-                remedy = "add 'thread', its size, or 'diameter'" if need == "diameter" else remedy
+                if need == "diameter":
+                    remedy = "add 'thread', its size, or 'diameter'"
                 yield Problem(f"{where}.{key}", what, None, "both of them", remedy)
         yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
         if not isinstance(body, str) or body not in substructures:

@@ -43,7 +43,10 @@ class DampingRatios(SceneTable):
         # round-off at the ends of the range, where one term is left
         if not (least * (1 - 1e-9) <= high <= most * (1 + 1e-9)) or self.damping.deviation > PRECISION:
             word, bound = ("falls", "from") if high < low else ("rises", "up to")
-            closest = nearest(first, last, low, max(high, least)) if high < low else most
+            if high < low:
+                closest = nearest(first, last, low, max(high, least))
+            else:
+                closest = most
             raise refusal(
                 f"the ratio {word} faster with frequency than that of any damping by strain",
                 value=list(self.ratios),

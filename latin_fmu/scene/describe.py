@@ -51,7 +51,9 @@ def tables_in(annotation: Any) -> list[type[BaseModel]]:
 def tag_of(table: type[BaseModel]) -> str | None:
     """The value of `type` that selects this table, None for a table that needs no choice."""
     field = table.model_fields.get("type")
-    return None if field is None else str(field.default)
+    if field is None:
+        return None
+    return str(field.default)
 
 
 def tags_of(tables: Iterable[type[BaseModel]]) -> list[str]:
@@ -101,7 +103,9 @@ def unit_of(field: FieldInfo) -> str | None:
     """Unit of a field, None for text, flags and tables."""
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
-    return str(unit) if unit is not None else None
+    if unit is not None:
+        return str(unit)
+    return None
 
 
 def range_of(field: FieldInfo) -> str:
@@ -144,7 +148,9 @@ def _kind(annotation: Any) -> str:
         return f"by name: {_kind(parts[1])}"
     if tables := tables_in(annotation):
         tags = tags_of(tables)
-        return f"table, type = {' | '.join(tags)}" if tags else "table"
+        if tags:
+            return f"table, type = {' | '.join(tags)}"
+        return "table"
     if get_origin(annotation) is Literal:
         return " | ".join(f'"{part}"' if isinstance(part, str) else str(part) for part in parts)
     if get_origin(annotation) is tuple:
@@ -153,7 +159,9 @@ def _kind(annotation: Any) -> str:
             item = f"lists{item.removeprefix('list')}"
         elif not item.startswith('"'):
             item = " | ".join(f"{kind}s" for kind in item.split(" | "))
-        return f"list of {item}" if parts[-1] is Ellipsis else f"list of {len(parts)} {item}"
+        if parts[-1] is Ellipsis:
+            return f"list of {item}"
+        return f"list of {len(parts)} {item}"
     if hasattr(annotation, "__metadata__"):
         return _kind(parts[0])
     return " | ".join(dict.fromkeys(_kind(part) for part in parts))
@@ -168,17 +176,23 @@ def allowed_text(field: FieldInfo | None, item: bool = False) -> str | None:
         kind = re.sub(r"^list of (\d+ )?lists (.*)$|^list of (\d+ )?(.*?)s?$", _one_item, kind)
     text = ", ".join(part for part in (kind, range_of(field)) if part)
     unit = unit_of(field)
-    return f"{text} [{unit}]" if unit not in (None, "1") else text
+    if unit not in (None, "1"):
+        return f"{text} [{unit}]"
+    return text
 
 
 def _one_item(kind: re.Match[str]) -> str:
-    return f"list {kind[2]}" if kind[2] else kind[4].replace("s | ", " | ")
+    if kind[2]:
+        return f"list {kind[2]}"
+    return kind[4].replace("s | ", " | ")
 
 
 def unit_at(root: type[BaseModel], path: str) -> str | None:
     """UDUNITS unit of the key under a dotted path, a number in it an item of a list; None where none is declared."""
     field = field_at(root, [int(part) if part.isdecimal() else part for part in path.split(".")])
-    return None if field is None else unit_of(field)
+    if field is None:
+        return None
+    return unit_of(field)
 
 
 def validation_problems(root: type[BaseModel], error: ValidationError, raw: Any) -> list[Problem]:
@@ -194,7 +208,10 @@ def path_text(path: Sequence[str | int]) -> str:
         if isinstance(part, int):
             text += f"[{part}]"
             continue
-        key = part if _BARE_KEY.fullmatch(part) and len(part) <= _LONGEST_KEY else shown(part)
+        if _BARE_KEY.fullmatch(part) and len(part) <= _LONGEST_KEY:
+            key = part
+        else:
+            key = shown(part)
         text += f".{key}" if text else key
     return text or "scene"
 
@@ -206,7 +223,10 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
     where, value = path_text(path), shown(detail["input"])
     if kind == "scene_problem":
         given = context["value"]
-        text = given if given is None or isinstance(given, str) else shown(given)
+        if given is None or isinstance(given, str):
+            text = given
+        else:
+            text = shown(given)
         return Problem(where, context["what"], text, context["allowed"], context["remedy"])
     if kind == "extra_forbidden":
         tables = tables_at(root, location[:-1])
@@ -240,7 +260,9 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
 
 
 def _tag(table: Any) -> Any:
-    return table.get("type") if isinstance(table, Mapping) else getattr(table, "type", table)
+    if isinstance(table, Mapping):
+        return table.get("type")
+    return getattr(table, "type", table)
 
 
 def _path_in_file(root: type[BaseModel], location: Sequence[str | int], raw: Any) -> list[str | int]:

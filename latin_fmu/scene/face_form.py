@@ -66,7 +66,9 @@ class Crown(SceneTable):
             return squares / (2 * self.radius)
         along: Array = (r @ self.directions[0]) ** 2
         rise = (squares - along) / (2 * self.radius)
-        return rise if self.radius_along is None else rise + along / (2 * self.radius_along)
+        if self.radius_along is None:
+            return rise
+        return rise + along / (2 * self.radius_along)
 
 
 class Polynomial(SceneTable):
@@ -82,8 +84,15 @@ class Polynomial(SceneTable):
     @classmethod
     def unit_of_item(cls, key: str, _: Any, __: str, index: tuple[int, ...]) -> str:
         """Unit of a coefficient by its powers: c_ij x^i y^j is a length."""
-        power = 1 - sum(index) if key == "coefficients" else 1
-        return f"m{power}" if power not in (0, 1) else "m" if power else "1"
+        if key == "coefficients":
+            power = 1 - sum(index)
+        else:
+            power = 1
+        if power not in (0, 1):
+            return f"m{power}"
+        if power:
+            return "m"
+        return "1"
 
     @model_validator(mode="after")
     def _check_powers(self) -> Self:

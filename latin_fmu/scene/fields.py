@@ -76,7 +76,9 @@ class SceneTable(BaseModel):
 def units_in(context: Any) -> UnitSystem:
     """System of units of the scene that is read; SI for a table on its own."""
     given = context.get("units") if isinstance(context, dict) else None
-    return given if isinstance(given, UnitSystem) else SI
+    if isinstance(given, UnitSystem):
+        return given
+    return SI
 
 
 def about(
@@ -142,7 +144,9 @@ def _check_side(face: str) -> str:
 def _as_list(value: object) -> object:
     """Let arrays (anything with ``tolist``) stand for lists in scenes built in Python."""
     tolist = getattr(value, "tolist", None)
-    return tolist() if callable(tolist) else value
+    if callable(tolist):
+        return tolist()
+    return value
 
 
 def _check_directed(vector: Sequence[float]) -> Sequence[float]:
@@ -153,7 +157,9 @@ def _check_directed(vector: Sequence[float]) -> Sequence[float]:
 
 def tagged(value: object) -> object:
     """A bare string stands for a table with that type: ``"automatic"`` is ``{type = "automatic"}``."""
-    return {"type": value} if isinstance(value, str) else value
+    if isinstance(value, str):
+        return {"type": value}
+    return value
 
 
 def tagged_or(default: str) -> Callable[[object], object]:

@@ -62,7 +62,10 @@ class SceneHistory:
         integral = f"{found['integral']:.4g} {units[_INTEGRALS.get(self.unit, f'{self.unit} s')]}"
         first, last = found["span"]
         inside = f"from {first:.4g} to {last:.4g} s of 0 to {self.end:.4g} s, {found['samples']} samples"
-        words = f"{self.law.file}, {self.law.read_as}" if self.law.read_as else self.law.file
+        if self.law.read_as:
+            words = f"{self.law.file}, {self.law.read_as}"
+        else:
+            words = self.law.file
         return f"  history {self.where}: {words}; in the run {inside}, peak {peak} at {found['peak_time']:.4g} s, " + (
             f"integral {integral}"
         )

@@ -44,7 +44,10 @@ DASHPOT: Final = "_viscosity"
 
 def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
     """Keys without effect with this behaviour, and keys that it needs."""
-    kind = "a perfect connection" if behaviour == "perfect" else f'behaviour = "{behaviour}"'
+    if behaviour == "perfect":
+        kind = "a perfect connection"
+    else:
+        kind = f'behaviour = "{behaviour}"'
     for key in MEANINGLESS.get(behaviour, ()):
         if given(table, key):
             taking = " or ".join(f'"{name}"' for name, keys in TAKES.items() if key in keys)
@@ -88,11 +91,10 @@ def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Pro
     if number(table, "normal_stiffness") != 0.0:
         return
     if behaviour == "soft_contact" or (behaviour == "elastic_layer" and pressed):
-        what = (
-            "without stiffness the layer carries no force"
-            if behaviour == "soft_contact"
-            else "without stiffness the layer holds no preload"
-        )
+        if behaviour == "soft_contact":
+            what = "without stiffness the layer carries no force"
+        else:
+            what = "without stiffness the layer holds no preload"
         yield Problem(f"{where}.normal_stiffness", what, "0", "> 0")
 
 
@@ -136,13 +138,13 @@ def _check_gap(value: object) -> object:
         return value
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _LARGEST:
         return float(value)
-    what = (
-        "not a gap"
-        if isinstance(value, str)
-        else "out of range"
-        if isinstance(value, int | float)
-        else "must be a number"
-    )
+    if isinstance(value, str):
+        what = "not a gap"
+    else:
+        if isinstance(value, int | float):
+            what = "out of range"
+        else:
+            what = "must be a number"
     remedy = did_you_mean(value, _GAP_RULES) if isinstance(value, str) else None
     raise refusal(what, value=value, allowed='number, >= 0 [m], "measured" or "closed"', remedy=remedy)
 
@@ -251,7 +253,9 @@ class Interface(SceneTable):
     @property
     def number_gap(self) -> float | None:
         """The gap where it is a number, m."""
-        return None if isinstance(self.gap, str) else self.gap
+        if isinstance(self.gap, str):
+            return None
+        return self.gap
 
     @property
     def behaves_open(self) -> bool:
@@ -358,7 +362,10 @@ def interface_problems(raw: Any) -> Iterator[Problem]:
 
 def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:
     if sides[0] == GROUND:
-        remedy = "name the ground second" if sides[1] != GROUND else "name a face of a substructure first"
+        if sides[1] != GROUND:
+            remedy = "name the ground second"
+        else:
+            remedy = "name a face of a substructure first"
         yield Problem(f"{where}.sides[0]", "the first side cannot be the ground", None, "a substructure face", remedy)
     elif sides[0] == sides[1]:
         yield Problem(f"{where}.sides", "a face cannot meet itself", shown(sides), "two different faces")

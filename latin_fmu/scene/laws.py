@@ -30,7 +30,9 @@ from .unit_texts import names_for
 def base_dir_of(context: Any) -> Path:
     """Folder that relative file names start from: that of the scene file, else the current one."""
     base_dir = context.get("base_dir") if isinstance(context, dict) else None
-    return base_dir if isinstance(base_dir, Path) else Path()
+    if isinstance(base_dir, Path):
+        return base_dir
+    return Path()
 
 
 Array = NDArray[np.float64]
@@ -328,6 +330,11 @@ def sampled_impulse_error(law: TimeLaw, times: ArrayLike) -> float:
     t = np.asarray(times, dtype=np.float64)
     samples = sampled(law, t)
     exact = law.impulse(float(t[0]), float(t[-1]))
-    first = abs(float(law.sample(t[:1])[0])) * float(t[1] - t[0]) if len(t) > 1 else 0.0
+    if len(t) > 1:
+        first = abs(float(law.sample(t[:1])[0])) * float(t[1] - t[0])
+    else:
+        first = 0.0
     scale = max(abs(exact), float(np.trapezoid(np.abs(samples), t)), first)
-    return abs(float(np.trapezoid(samples, t)) - exact) / scale if scale > 0.0 else 0.0
+    if scale > 0.0:
+        return abs(float(np.trapezoid(samples, t)) - exact) / scale
+    return 0.0

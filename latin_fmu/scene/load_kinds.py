@@ -215,7 +215,10 @@ class ResultantLoad(LoadKind):
 
     def arrow(self, _normal: Array, /) -> Array:
         """Along the force, along the moment where there is none."""
-        shown = self.moment if self.force is None else self.force
+        if self.force is None:
+            shown = self.moment
+        else:
+            shown = self.force
         return np.asarray(self.to_global(shown or (0.0, 0.0, 0.0)), dtype=float)
 
     def turns(self) -> bool:

@@ -45,7 +45,9 @@ class Load(
     def amount(self) -> float:
         """Number that the law multiplies, the length of one that is a vector."""
         value = getattr(self, self.kind.chosen_key(self.__dict__) or "")
-        return float(np.linalg.norm(value)) if isinstance(value, tuple) else float(value)
+        if isinstance(value, tuple):
+            return float(np.linalg.norm(value))
+        return float(value)
 
     @property
     def unit(self) -> str:
@@ -54,7 +56,9 @@ class Load(
 
     def to_global(self, vector: GlobalVector) -> GlobalVector:
         """Global components of a vector given along the axes of the load."""
-        return vector if self.axes is None else self.axes.to_global(vector)
+        if self.axes is None:
+            return vector
+        return self.axes.to_global(vector)
 
     def nodal_forces(self, face: LoadedFace, /) -> Array:
         """Forces (n, 3) on the nodes of the face along the global axes where the law is 1, N."""

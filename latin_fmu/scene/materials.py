@@ -95,7 +95,10 @@ class MaterialTable(SceneTable):
     def _check_damping(self) -> Self:
         """Refuse damping that is given twice, and a loss factor without its frequency."""
         if (self.loss_factor is None) != (self.at_frequency is None):
-            missing = "at_frequency" if self.at_frequency is None else "loss_factor"
+            if self.at_frequency is None:
+                missing = "at_frequency"
+            else:
+                missing = "loss_factor"
             raise refusal(f"loss_factor and at_frequency belong together: {missing!r} is missing", remedy="give both")
         if len(ways := self.damping_keys) > 1 and set(ways) != {"rayleigh_mass", "rayleigh_stiffness"}:
             raise refusal(
@@ -126,14 +129,18 @@ class MaterialTable(SceneTable):
     def drag(self) -> float:
         """Coefficient a of the damping a M, s-1, which acts on absolute velocities."""
         if self.damping_ratios is not None:
-            return self.damping_ratios.rayleigh[0] if self.frame else 0.0
+            if self.frame:
+                return self.damping_ratios.rayleigh[0]
+            return 0.0
         return self.rayleigh_mass
 
     @property
     def damping(self) -> StrainDamping:
         """Damping by strain."""
         if self.damping_ratios is not None:
-            return StrainDamping(self.damping_ratios.rayleigh[1]) if self.frame else self.damping_ratios.damping
+            if self.frame:
+                return StrainDamping(self.damping_ratios.rayleigh[1])
+            return self.damping_ratios.damping
         if self.loss_factor is not None and self.at_frequency is not None:
             return StrainDamping(self.loss_factor / (2.0 * math.pi * self.at_frequency))
         return StrainDamping(self.rayleigh_stiffness)

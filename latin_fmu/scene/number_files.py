@@ -34,8 +34,12 @@ def factor(unit: Any, system: UnitSystem = SI) -> float:
     if isinstance(unit, str):
         known = si_unit(unit)
         size = None if known is None else unit_size(unit, known)
-        return 1.0 if known is None or size is None else float(size / system.exact_size(known))
-    return float(unit) if isinstance(unit, int | float) else 1.0
+        if known is None or size is None:
+            return 1.0
+        return float(size / system.exact_size(known))
+    if isinstance(unit, int | float):
+        return float(unit)
+    return 1.0
 
 
 def unit_problem(name: str, unit: str) -> str | None:
@@ -55,7 +59,8 @@ def _check_unit(value: object, *units: str) -> object:
         if any(unit_size(value, unit) is not None for unit in units):
             return value
         what, remedy = unit_problem(value, units[0]), did_you_mean(value, names.split(", "))
-        what = what if len(units) == 1 else "unknown unit"
+        if len(units) != 1:
+            what = "unknown unit"
     else:
         if isinstance(value, int | float) and not isinstance(value, bool) and 0 < abs(value) <= _LARGEST_FACTOR:
             return float(value)
@@ -67,7 +72,9 @@ def _check_unit(value: object, *units: str) -> object:
 
 def is_column(value: object) -> bool:
     """Whether a value names a column: a text, or a number from 1."""
-    return bool(value.strip()) if isinstance(value, str) else type(value) is int and value >= 1
+    if isinstance(value, str):
+        return bool(value.strip())
+    return type(value) is int and value >= 1
 
 
 def _check_column(value: object) -> object:
@@ -141,8 +148,14 @@ def _rows(
     """Numbers of every line, and whether they have decimal commas."""
     rows: list[tuple[float, ...]] = []
     points = commas = False
-    wanted = _TWO_COLUMNS if columns is None else f"finite numbers in columns {listed_places(places)}"
-    many = "two" if columns is None else str(len(places))
+    if columns is None:
+        wanted = _TWO_COLUMNS
+    else:
+        wanted = f"finite numbers in columns {listed_places(places)}"
+    if columns is None:
+        many = "two"
+    else:
+        many = str(len(places))
     for number, cells in lines:
         row = _numbers(cells, places) if columns is not None or len(cells) == 2 else None
         if row is None or not all(map(math.isfinite, row)):
@@ -167,13 +180,17 @@ def _places(columns: Sequence[str | int] | None, header: Sequence[Sequence[str]]
     if columns is None:
         return 0, 1
     found = [c - 1 if isinstance(c, int) else _place_of(c, header) for c in columns]
-    return None if None in found else tuple(place for place in found if place is not None)
+    if None in found:
+        return None
+    return tuple(place for place in found if place is not None)
 
 
 def _place_of(name: str, header: Sequence[Sequence[str]]) -> int | None:
     """Number of the column with a name, from 0, by the last line of the header that has it."""
     line = next((line for line in reversed(header) if name.strip() in line), None)
-    return None if line is None else line.index(name.strip())
+    if line is None:
+        return None
+    return line.index(name.strip())
 
 
 def _check_places(
@@ -213,13 +230,22 @@ def _without_numbers(columns: Sequence[str | int] | None, header: Sequence[tuple
     first = next((i for i, line in enumerate(header) if number_in(line[0]) is not None), None)
     if named and header:
         width = len(header[0 if first is None else first])
-        names = "" if first is None else column_names(header[:first], width)
+        if first is None:
+            names = ""
+        else:
+            names = column_names(header[:first], width)
         what = "no column of this name in the lines above the numbers"
         allowed = f"{names or 'a name there'}, or the number of a column, 1 to {width}"
         raise refusal(what, value=named[0], allowed=allowed)
     if len(header) > 1:
-        place = "in the first column" if columns is None else f"in column {columns[0]}"
-        lines = f"the first {MOST_HEADER_LINES} lines" if len(header) > MOST_HEADER_LINES else f"{len(header)} lines"
+        if columns is None:
+            place = "in the first column"
+        else:
+            place = f"in column {columns[0]}"
+        if len(header) > MOST_HEADER_LINES:
+            lines = f"the first {MOST_HEADER_LINES} lines"
+        else:
+            lines = f"{len(header)} lines"
         raise refusal(f"no numbers {place} of {lines}", allowed=_TWO_COLUMNS)
     return NumberTable(tuple(header), 0, (0, 1), [], False)
 
@@ -234,7 +260,9 @@ def number_in(cell: str) -> float | None:
     try:
         return float(text)
     except ValueError:
-        return float(text.replace(",", ".")) if _COMMA.fullmatch(text) else None
+        if _COMMA.fullmatch(text):
+            return float(text.replace(",", "."))
+        return None
 
 
 def table_cells(base_dir: Path, name: str) -> Iterator[tuple[int, list[str]]]:
@@ -275,10 +303,16 @@ def file_content(base_dir: Path, name: str) -> bytes:
             raise refusal("the file is too large", value=name, allowed=f"at most {MAX_FILE_BYTES} bytes")
         return path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
-        where = "the scene file" if base_dir != Path() else "the current folder"
+        if base_dir != Path():
+            where = "the scene file"
+        else:
+            where = "the current folder"
         raise refusal("the file does not exist", value=name, remedy=f"file names are relative to {where}") from None
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        if isinstance(error, OSError) and error.strerror:
+            reason = error.strerror
+        else:
+            reason = str(error)
         raise refusal(f"the file cannot be read ({reason})", value=name) from None
 
 
@@ -347,4 +381,6 @@ def _numbers(cells: Sequence[str], chosen: Sequence[int]) -> tuple[float, ...] |
         return tuple(float(cells[i]) for i in chosen)
     except (ValueError, IndexError):
         found = [number_in(cells[i]) if i < len(cells) else None for i in chosen]
-        return None if None in found else tuple(number for number in found if number is not None)
+        if None in found:
+            return None
+        return tuple(number for number in found if number is not None)

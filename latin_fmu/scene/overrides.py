@@ -26,7 +26,10 @@ def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str], named: Co
     named : keys whose tables have names. Raises SceneError with every setting that cannot be applied.
     """
     try:
-        changed = copy.deepcopy(dict(data)) if overrides else dict(data)
+        if overrides:
+            changed = copy.deepcopy(dict(data))
+        else:
+            changed = dict(data)
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], _HEADING) from None
     problems = [problem for setting in overrides if (problem := _apply(changed, setting, named)) is not None]
@@ -47,7 +50,9 @@ def _lists(value: Any) -> Any:
     """A copy of tables, with lists in the place of tuples, so that items can be set."""
     if isinstance(value, dict):
         return {key: _lists(item) for key, item in value.items()}
-    return [_lists(item) for item in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [_lists(item) for item in value]
+    return value
 
 
 def _apply(data: dict[str, Any], setting: str, named: Collection[str]) -> Problem | None:
@@ -79,7 +84,9 @@ def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | 
     """The table or list one key down, made where it may be; in a tuple, or what is wrong."""
     if isinstance(here, list):
         index = _index(here, key)
-        return (here[index],) if index is not None else _no_item(where, here)
+        if index is not None:
+            return (here[index],)
+        return _no_item(where, here)
     if not isinstance(here, dict):
         return Problem(where, "this is not a table", shown(here))
     if key not in here:
@@ -122,7 +129,9 @@ def _store(here: Any, key: str, value: Any, where: str) -> Problem | None:
 
 def _index(items: Sequence[Any], key: str) -> int | None:
     # isascii: other scripts have digits, too; ten digits are no item of a list
-    return int(key) if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(items) else None
+    if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(items):
+        return int(key)
+    return None
 
 
 def _no_item(where: str, items: list[Any]) -> Problem:
@@ -136,7 +145,9 @@ def number_at(data: Mapping[str, Any], path: str) -> float | None:
     2.0
     """
     here = _at(data, path)
-    return float(here) if isinstance(here, int | float) and not isinstance(here, bool) else None
+    if isinstance(here, int | float) and not isinstance(here, bool):
+        return float(here)
+    return None
 
 
 def _at(data: Mapping[str, Any], path: str) -> object:
@@ -181,7 +192,9 @@ def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection
         wanted = with_value(wanted, path, number, named)
     made = "".join(lines)
     # a text or comment may look like the key: the new text is read and compared
-    return made if tomllib.loads(made) == wanted else None
+    if tomllib.loads(made) == wanted:
+        return made
+    return None
 
 
 def parse_value(text: str) -> Any:
@@ -237,7 +250,9 @@ def line_of(lines: dict[str, int], path: str) -> int | None:
         return lines[path]
     holder, _, key = path.rpartition(".")
     written = bool(holder) and holder in lines and not _is_table(lines, holder) and bool(key)
-    return lines[holder] if written else None
+    if written:
+        return lines[holder]
+    return None
 
 
 def _is_table(lines: dict[str, int], path: str) -> bool:

@@ -68,8 +68,13 @@ class Port(SceneTable):
     def unit_of_item(cls, key: str, raw: Any, unit: str, index: tuple[int, ...]) -> str:
         """Unit of an impedance, of a translation or of a rotation."""
         components = raw.get("components", TRANSLATIONS)
-        turns = components[index[0]] not in TRANSLATIONS if index and index[0] < len(components) else False
-        return "N m s" if key == "impedance" and turns else unit
+        if index and index[0] < len(components):
+            turns = components[index[0]] not in TRANSLATIONS
+        else:
+            turns = False
+        if key == "impedance" and turns:
+            return "N m s"
+        return unit
 
     @model_validator(mode="after")
     def _check_port(self) -> Self:

@@ -28,11 +28,15 @@ def plain(data: Any, depth: int = _DEPTH) -> Any:
         texts = getattr(data, "_texts", {})
         return {key: plain(texts.get(key, getattr(data, key)), depth) for key in keys}
     if isinstance(data, list | tuple):
-        return [plain(item, depth - 1) for item in data] if depth > 0 else data
+        if depth > 0:
+            return [plain(item, depth - 1) for item in data]
+        return data
     if depth > 0 and isinstance(data, Mapping):
         return {key: plain(item, depth - 1) for key, item in data.items()}
     tolist = getattr(data, "tolist", None)
-    return tolist() if callable(tolist) else data
+    if callable(tolist):
+        return tolist()
+    return data
 
 
 def oversized_integers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
@@ -58,7 +62,9 @@ def named_tables(raw: Any, key: str) -> dict[str, RawTable]:
 def single_table(raw: Any, key: str) -> RawTable:
     """The table [key], empty where it is missing or no table."""
     table = raw.get(key) if isinstance(raw, Mapping) else None
-    return table if isinstance(table, Mapping) else {}
+    if isinstance(table, Mapping):
+        return table
+    return {}
 
 
 def given(table: RawTable, key: str) -> bool:
@@ -69,8 +75,13 @@ def given(table: RawTable, key: str) -> bool:
 def chosen_type(table: RawTable, key: str) -> str | None:
     """Type that a key chooses, by a bare word or in a table."""
     value = table.get(key)
-    chosen = value.get("type") if isinstance(value, Mapping) else value
-    return chosen if isinstance(chosen, str) else None
+    if isinstance(value, Mapping):
+        chosen = value.get("type")
+    else:
+        chosen = value
+    if isinstance(chosen, str):
+        return chosen
+    return None
 
 
 def is_explicit(raw: Any) -> bool:
@@ -86,7 +97,9 @@ def number(table: RawTable, key: str) -> float | None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
-        return float(value) if math.isfinite(value) else None
+        if math.isfinite(value):
+            return float(value)
+        return None
     except OverflowError:  # an int beyond the largest float
         return None
 

@@ -40,7 +40,10 @@ def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, 
     # 1 + 1e-12: 999.9999999999999 is a thousand
     power = 3 * math.floor(math.log10(size * gram * (1 + 1e-12)) / 3)
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
-    prefix = "µ" if figure and power == -6 else _PREFIXES[power]
+    if figure and power == -6:
+        prefix = "µ"
+    else:
+        prefix = _PREFIXES[power]
     return float(f"1e{power}") / gram, prefix + unit_text(name, figure)
 
 
@@ -53,7 +56,10 @@ def readable(value: float | None, unit: str, digits: int = 4, figure: bool = Fal
     if value is None:
         return "-"
     divisor, label = prefix_for(value, unit, figure)
-    number = _digits(value / divisor, digits) if _takes_prefix(unit) else f"{value / divisor:.{digits}g}"
+    if _takes_prefix(unit):
+        number = _digits(value / divisor, digits)
+    else:
+        number = f"{value / divisor:.{digits}g}"
     return f"{number} {label}".rstrip()
 
 
@@ -67,12 +73,16 @@ def readable_vector(values: Sequence[float], unit: str, digits: int = 4) -> str:
 
 def percent(error: float) -> str:
     """A relative error in per cent, two digits; ``-`` for NaN."""
-    return "-" if math.isnan(error) else f"{100 * error:.2g} %"
+    if math.isnan(error):
+        return "-"
+    return f"{100 * error:.2g} %"
 
 
 def _digits(value: float, digits: int) -> str:
     """Significant digits, trailing zeros kept; a plain 0 for zero."""
-    return "0" if value == 0.0 else f"{value:#.{digits}g}".rstrip(".")
+    if value == 0.0:
+        return "0"
+    return f"{value:#.{digits}g}".rstrip(".")
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

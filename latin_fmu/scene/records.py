@@ -73,8 +73,14 @@ class ColumnHead:
 
     def words(self) -> str:
         """The column in messages."""
-        shown = f' "{self.title[:40]}"' if self.title else ""
-        beside = f" in {self.unit[:20]}" if self.unit and self.unit not in self.title else ""
+        if self.title:
+            shown = f' "{self.title[:40]}"'
+        else:
+            shown = ""
+        if self.unit and self.unit not in self.title:
+            beside = f" in {self.unit[:20]}"
+        else:
+            beside = ""
         return f"column {self.place}{shown}{beside}"
 
 
@@ -113,7 +119,9 @@ def _is_unit(text: str) -> bool:
 def _bare(cell: str) -> str:
     """A cell without brackets around the whole of it."""
     found = _BRACKETS.fullmatch(cell.strip())
-    return found[1].strip() if found else cell.strip()
+    if found:
+        return found[1].strip()
+    return cell.strip()
 
 
 def _unit_in(title: str, time: bool) -> str:
@@ -213,7 +221,10 @@ def _value_unit(named: Any, head: ColumnHead, system: UnitSystem) -> Any:
     if named is None:
         if not head.unit or (head.known is not None and factor(head.known, system) == 1.0):
             return head.known
-        known = f'value_unit = "{head.known}", ' if head.known else ""
+        if head.known:
+            known = f'value_unit = "{head.known}", '
+        else:
+            known = ""
         remedy = f'{known}the factor to the units of the scene, or "1" where the numbers are to be taken as they are'
         what = f"the header gives the values in {head.unit[:20]}, and the scene does not say what they are"
         raise refusal(what, value=head.words(), remedy=f"write {remedy}")
@@ -234,7 +245,10 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
     holes = np.flatnonzero(steps > _HOLE * median)
     if holes.size and len(times) >= FEWEST_SAMPLES and gaps == GAPS[0]:
         i = int(holes[0])
-        more = f" and {len(holes) - 1} more" if len(holes) > 1 else ""
+        if len(holes) > 1:
+            more = f" and {len(holes) - 1} more"
+        else:
+            more = ""
         found.append(f"samples are missing from {times[i]:.6g} s to {times[i + 1]:.6g} s{more}")
         values.append(f"an interval of {steps[i] / median:.3g} medians")
         remedies.append('gaps = "linear" takes straight lines there')
@@ -245,7 +259,8 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
         found.append(f"{before} of {len(times)} samples are before t = 0, where the run starts")
         values.append(f"the first one at {first:.6g} s")
         advice = 'start = "record" moves t = 0 to the first sample, '
-        advice = advice if start != "record" else ""
+        if start == "record":
+            advice = ""
         remedies.append(f'{advice}shift = {max(0.0, shift - first):.6g} (s) the times, start = "cut" leaves them out')
     if found:
         raise refusal("; ".join(found), value=", ".join(values), remedy="; ".join(remedies))

@@ -269,7 +269,10 @@ def reference_text() -> str:
     parts = [_title("Scene file"), INTRODUCTION, "Top of the file", top]
     for key, field in Scene.model_fields.items():
         if tables := tables_in(field.annotation):
-            need = "required" if field.is_required() else "optional"
+            if field.is_required():
+                need = "required"
+            else:
+                need = "optional"
             parts.append(_title(f"[{key}.NAME] ({need})" if is_named(field) else f"[{key}] ({need})"))
             parts += [_table_text(table) for table in tables]
     for key, tables in inner_tables().items():
@@ -333,7 +336,10 @@ def inner_tables() -> dict[str, list[type[BaseModel]]]:
 def _table_text(table: type[BaseModel]) -> str:
     tag = tag_of(table)
     meaning = textwrap.fill(" ".join((table.__doc__ or "").split()), _WIDTH)
-    lines = [f'type = "{tag}"', textwrap.indent(meaning, "    ")] if tag is not None else [meaning]
+    if tag is not None:
+        lines = [f'type = "{tag}"', textwrap.indent(meaning, "    ")]
+    else:
+        lines = [meaning]
     for name, field in table.model_fields.items():
         if tag is None or name != "type":
             lines += _field_lines(name, field)
@@ -354,5 +360,7 @@ def default_text(field: FieldInfo) -> str:
     if default is None or default is PydanticUndefined or default in ((), {}, ""):
         return "optional"
     if isinstance(default, BaseModel):
-        return f"default {toml_value(default.model_dump(exclude_none=True))}" if tag_of(type(default)) else "optional"
+        if tag_of(type(default)):
+            return f"default {toml_value(default.model_dump(exclude_none=True))}"
+        return "optional"
     return f"default {toml_value(default)}"

@@ -77,13 +77,21 @@ class Spectrum(SceneTable):
     def frequencies(self, step: float, duration: float) -> tuple[float, ...]:
         """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to ``highest_frequency`` at most; the
         highest one that is requested comes last, whatever the ratio. ``step`` and ``duration`` of the run, s."""
-        first = 1.0 / duration if self.lowest is None else self.lowest
+        if self.lowest is None:
+            first = 1.0 / duration
+        else:
+            first = self.lowest
         last = self.last(step)
         # a range of whole octaves keeps its last frequency whatever the round-off
-        count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9) if last > first else -1
+        if last > first:
+            count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9)
+        else:
+            count = -1
         made = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
         short = self.highest is not None and made and made[-1] < last * (1 - 1e-9) and len(made) < MAX_FREQUENCIES
-        return (*made, last) if short else made
+        if short:
+            return (*made, last)
+        return made
 
 
 class Sensor(SceneTable):
@@ -104,7 +112,9 @@ class Sensor(SceneTable):
     @property
     def body(self) -> str:
         """Substructure that the sensor is on."""
-        return split_face(self.face)[0] if self.face is not None else str(self.substructure)
+        if self.face is not None:
+            return split_face(self.face)[0]
+        return str(self.substructure)
 
 
 HIGHEST_SHARE: Final = 0.4
@@ -194,7 +204,8 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
     end = number(time, "end")
     step = number(time, "step")
     instants = number(time, "instants")
-    step = end / instants if end is not None and step is None and instants is not None and instants > 0 else step
+    if end is not None and step is None and instants is not None and instants > 0:
+        step = end / instants
     if end is None or step is None or not 0 < step <= end:
         return
     spectrum = table.get("spectrum")

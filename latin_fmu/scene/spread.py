@@ -27,7 +27,9 @@ def _check_spread(written: Any) -> Any:
         fits = (number({"of": written}, "of") or 0.0) > 0.0
     if not fits:
         raise refusal("not a spread", value=written, allowed=_FORM)
-    return tuple(map(float, written)) if isinstance(written, list | tuple) else written
+    if isinstance(written, list | tuple):
+        return tuple(map(float, written))
+    return written
 
 
 def flat(written: Any) -> Any:

@@ -197,7 +197,9 @@ def _all_or_listed(value: object) -> object:
         raise refusal("must be a list of names, or all of them", value=value, allowed='"*", or e.g. ["bolt", "nut"]')
     if isinstance(value, list | tuple) and ALL in value and len(value) > 1:
         raise refusal('"*" stands alone', value=list(value), allowed='"*", or e.g. ["bolt", "nut"]')
-    return (ALL,) if value == ALL else _as_list(value)
+    if value == ALL:
+        return (ALL,)
+    return _as_list(value)
 
 
 class MeshParts(SceneTable):
@@ -227,7 +229,9 @@ def part_name(group: str) -> str:
     if not name[:1].isalpha():
         name = f"part_{name}"
     # the name of the ground is taken
-    return f"{name}_" if name == GROUND else name[:100]
+    if name == GROUND:
+        return f"{name}_"
+    return name[:100]
 
 
 class Gravity(SceneTable):
@@ -350,7 +354,10 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
     for material, (name, body) in unknown.items():
         own = materials.get(material, {})
         turned = given(own, "orthotropic")
-        key = "orthotropic.thermal_expansions" if turned else "thermal_expansion"
+        if turned:
+            key = "orthotropic.thermal_expansions"
+        else:
+            key = "thermal_expansion"
         if own and not given(single_table(own, "orthotropic") if turned else own, key.rpartition(".")[2]):
             yield Problem(
                 f"material.{material}.{key}",

@@ -67,7 +67,9 @@ def thread_named(text: str) -> ThreadSize | None:
         diameter = float(found[1])
         pitch = float(found[2] or _COARSE_PITCHES.get(diameter, 0.0))
         # beyond half of the diameter there is no core to speak of
-        return ThreadSize(diameter, pitch, *_OF_METRIC) if 0.0 < pitch < 0.5 * diameter else None
+        if 0.0 < pitch < 0.5 * diameter:
+            return ThreadSize(diameter, pitch, *_OF_METRIC)
+        return None
     if (found := _UNIFIED.fullmatch(text)) is None:
         return None
     size = found[1]
@@ -79,7 +81,10 @@ def thread_named(text: str) -> ThreadSize | None:
     # without a series the number of threads has to be one of the two
     if not count or count not in ((known[series],) if series is not None else known.values()):
         return None
-    inches = 0.06 + 0.013 * int(size[1:]) if size.startswith("#") else float(Fraction(size))
+    if size.startswith("#"):
+        inches = 0.06 + 0.013 * int(size[1:])
+    else:
+        inches = float(Fraction(size))
     return ThreadSize(_INCH * inches, _INCH / count, *_OF_UNIFIED)
 
 
@@ -114,4 +119,6 @@ def class_yield(name: str) -> float | None:
     if name in _NAMED:
         return _NAMED[name]
     found = _ISO.fullmatch(name)
-    return 10.0 * int(found[1]) * int(found[2]) if found is not None and name in _CLASSES else None
+    if found is not None and name in _CLASSES:
+        return 10.0 * int(found[1]) * int(found[2])
+    return None

@@ -157,7 +157,9 @@ def si_unit(text: str) -> str | None:
 
 def words_for(unit: str) -> str:
     """What has a unit of SI, in words."""
-    return QUANTITIES[unit].words if unit in QUANTITIES else f"a number in {unit}"
+    if unit in QUANTITIES:
+        return QUANTITIES[unit].words
+    return f"a number in {unit}"
 
 
 def names_for(unit: str) -> str:
@@ -201,7 +203,8 @@ def _product(text: str, gravity: bool) -> UnitSize | None:
 def _factors(text: str, gravity: bool) -> UnitSize | None:
     """A product without strokes, in brackets or not."""
     bare, made = text.strip(), _ONE
-    bare = bare[1:-1].strip() if bare.startswith("(") and bare.endswith(")") else bare
+    if bare.startswith("(") and bare.endswith(")"):
+        bare = bare[1:-1].strip()
     for word in _BETWEEN.split(bare):
         match = _FACTOR.fullmatch(word)
         found = None if match is None else _named(match[1] or "1", gravity)
@@ -226,7 +229,9 @@ def _named(name: str, gravity: bool) -> UnitSize | None:
         if name.startswith(prefix) and name.removeprefix(prefix) in names:
             # a kilogram is no thousand times the gravity
             found = _named(name.removeprefix(prefix), gravity=False)
-            return None if found is None else found.times(UnitSize(Fraction(written), _ONE.powers))
+            if found is None:
+                return None
+            return found.times(UnitSize(Fraction(written), _ONE.powers))
     return None
 
 
@@ -246,4 +251,6 @@ def value_and_unit(text: str) -> tuple[Fraction, str] | None:
     ((Fraction(11, 2), 'N m'), (Fraction(6, 1), 'ms'), None)
     """
     match = _VALUE.fullmatch(text.strip().replace("\u2212", "-"))
-    return None if match is None else (Fraction(match[1]), match[2].strip())
+    if match is None:
+        return None
+    return (Fraction(match[1]), match[2].strip())

@@ -38,7 +38,9 @@ def unit_of_values(key: FieldInfo) -> str | None:
     """Unit (UDUNITS, SI) of a key whose numbers may be texts with units; None of other keys."""
     kind = kind_of(key)
     # names of columns and of units are texts of their own
-    return unit_of(key) if _REAL.search(kind) and "string" not in kind else None
+    if _REAL.search(kind) and "string" not in kind:
+        return unit_of(key)
+    return None
 
 
 def in_scene_units(
@@ -94,7 +96,9 @@ class _Key:
     def unit_of(self, index: tuple[int, ...]) -> str:
         """Unit (UDUNITS, SI) of an item."""
         of_item = getattr(self.owner, "unit_of_item", None)
-        return self.unit if of_item is None else str(of_item(self.name, self.raw, self.unit, index))
+        if of_item is None:
+            return self.unit
+        return str(of_item(self.name, self.raw, self.unit, index))
 
     def allowed(self, index: tuple[int, ...]) -> str:
         """What may stand there."""
@@ -121,7 +125,9 @@ class _Conversion:
             made = self._of_key(owner, key, raw, (*place, key))
             if made is not value:
                 changed[key] = made
-        return {**raw, **changed} if changed else raw
+        if changed:
+            return {**raw, **changed}
+        return raw
 
     def _of_key(self, owner: type[BaseModel], key: str, raw: Mapping[str, Any], place: Place) -> Any:
         """The value of one key of a table."""
@@ -129,11 +135,15 @@ class _Conversion:
         inner = tables_in(about.annotation)
         if not inner:
             unit = unit_of_values(about)
-            return value if unit is None else self._value(_Key(owner, key, raw, unit), value, place, ())
+            if unit is None:
+                return value
+            return self._value(_Key(owner, key, raw, unit), value, place, ())
         if not is_named(about) or not isinstance(value, Mapping):
             return self._tables(inner, value, place)
         made = {name: self._tables(inner, item, (*place, name)) for name, item in value.items()}
-        return made if any(made[name] is not item for name, item in value.items()) else value
+        if any(made[name] is not item for name, item in value.items()):
+            return made
+        return value
 
     def _tables(self, inner: list[type[BaseModel]], value: Any, place: Place) -> Any:
         """A table, or a list of tables."""
@@ -142,7 +152,9 @@ class _Conversion:
         if not isinstance(value, list | tuple):
             return value
         made = [self._tables(inner, item, (*place, i)) for i, item in enumerate(value)]
-        return made if any(new is not old for new, old in zip(made, value, strict=True)) else value
+        if any(new is not old for new, old in zip(made, value, strict=True)):
+            return made
+        return value
 
     def _value(self, key: _Key, value: Any, place: Place, index: tuple[int, ...]) -> Any:
         """A number, or a list of numbers."""
@@ -150,7 +162,9 @@ class _Conversion:
             if not any(isinstance(item, str | list | tuple) for item in value):
                 return value
             made = [self._value(key, item, (*place, i), (*index, i)) for i, item in enumerate(value)]
-            return made if any(new is not old for new, old in zip(made, value, strict=True)) else value
+            if any(new is not old for new, old in zip(made, value, strict=True)):
+                return made
+            return value
         if not isinstance(value, str) or not begins_as_number(value):
             return value
         found = number_in(value, key.unit_of(index), self.system)
@@ -188,5 +202,8 @@ def number_in(text: str, unit: str, system: UnitSystem) -> float | tuple[str, st
     known = si_unit(name)
     if known is None:
         return f"unknown unit {shown(name)}", did_you_mean(name, names_for(unit).split(", "))
-    words = "an acceleration or a mass" if name == "g" else words_for(known)
+    if name == "g":
+        words = "an acceleration or a mass"
+    else:
+        words = words_for(known)
     return f"{words}, but the key takes {words_for(unit)}", None

@@ -35,10 +35,18 @@ def unit_text(unit: str, figure: bool = False) -> str:
     for name, power in _factors(unit):
         if name != "1":
             size = power.lstrip("-")
-            raised = "" if size == "1" else size.translate(_RAISED) if figure else size
+            if size == "1":
+                raised = ""
+            else:
+                if figure:
+                    raised = size.translate(_RAISED)
+                else:
+                    raised = size
             (below if power.startswith("-") else above).append(name + raised)
     text = " ".join(above) or "1" * bool(below)  # "1/s" of what stands below alone
-    return "/".join([text, *below]) if below else text
+    if below:
+        return "/".join([text, *below])
+    return text
 
 
 def _factors(unit: str) -> list[tuple[str, str]]:
@@ -81,7 +89,9 @@ class UnitSystem:
     def __getitem__(self, unit: str) -> str:
         """What a unit of SI (UDUNITS string) is called in messages."""
         label = self.label(unit)
-        return "units" if label == "1" else unit_text(label)
+        if label == "1":
+            return "units"
+        return unit_text(label)
 
     def shown(self, unit: str) -> str:
         """Unit for ``readable`` of what has one of SI: that of ``label``, marked where it is shown in g.
@@ -89,7 +99,9 @@ class UnitSystem:
         >>> SI.shown("m s-2"), SI.with_g.shown("m s-2"), SI.with_g.shown("N")
         ('m s-2', 'm s-2 as g', 'N')
         """
-        return self.label(unit) + AS_G if self.in_g and unit == ACCELERATION else self.label(unit)
+        if self.in_g and unit == ACCELERATION:
+            return self.label(unit) + AS_G
+        return self.label(unit)
 
     @property
     def with_g(self) -> "UnitSystem":
@@ -116,7 +128,9 @@ class UnitSystem:
     def _size(self, name: str) -> Fraction:
         """Of one name of SI; 1 of one that is the same here, and of pure numbers."""
         size = unit_size(self.names[name], name) if name in self.names else None
-        return Fraction(1) if size is None else size
+        if size is None:
+            return Fraction(1)
+        return size
 
 
 _NAMES: Final[Mapping[SystemName, dict[str, str]]] = MappingProxyType(
@@ -141,5 +155,10 @@ PREFIXED: Final = frozenset({"m", "kg", "s", "N", "Pa", "J", "W", "Hz", "B"})
 
 def system_named(name: object, in_g: bool = False) -> UnitSystem:
     """The system of a name; SI for what names none."""
-    system = UNIT_SYSTEMS.get(name, SI) if isinstance(name, str) else SI
-    return system.with_g if in_g and system.measurable else system
+    if isinstance(name, str):
+        system = UNIT_SYSTEMS.get(name, SI)
+    else:
+        system = SI
+    if in_g and system.measurable:
+        return system.with_g
+    return system

@@ -82,11 +82,15 @@ def universal_history(base_dir: Path, name: str, column: Column | None) -> TimeF
         elif number == 58:
             function = _function(len(functions) + 1, lines, binary, units)
             others += function is None
-            functions += [] if function is None else [function]
+            if function is not None:
+                functions += [function]
     names = [f'{f.number} "{f.name[:_LONGEST_NAME]}" at {f.point}' for f in functions[:_MOST_NAMES]]
     listed = ", ".join(names) + (", ..." if len(functions) > _MOST_NAMES else "")
     if not functions:
-        value = f"{others} functions of something else" if others else "no dataset 58"
+        if others:
+            value = f"{others} functions of something else"
+        else:
+            value = "no dataset 58"
         raise refusal("the universal file has no function of time", value=value, allowed="dataset 58, time response")
     if column is None and len(functions) > 1:
         what = f"the universal file has {len(functions)} functions of time"
@@ -97,7 +101,10 @@ def universal_history(base_dir: Path, name: str, column: Column | None) -> TimeF
         return functions[column - 1]
     found = [f for f in functions if column is None or _plain(column) in (_plain(f.name), _plain(f.point))]
     if len(found) != 1:
-        what = "several functions of time have this name" if found else "no function of time of this name"
+        if found:
+            what = "several functions of time have this name"
+        else:
+            what = "no function of time of this name"
         raise refusal(what, value=column, allowed=listed, remedy="name it by its number")
     return found[0]
 
@@ -115,7 +122,8 @@ def _datasets(content: bytes) -> Iterator[tuple[int, list[str], bytes | None]]:
         if place >= len(content):
             return None
         end = content.find(b"\n", place)
-        end = len(content) if end < 0 else end
+        if end < 0:
+            end = len(content)
         text = content[place:end].rstrip(b"\r")
         place = end + 1
         return text
@@ -134,21 +142,35 @@ def _datasets(content: bytes) -> Iterator[tuple[int, list[str], bytes | None]]:
             lines += [(line() or b"").decode("latin-1") for _ in range(min(sizes[2], _HEAD_LINES))]
             # writers count the values alone where abscissae are between them: the numbers end at the next -1
             last = _ENDS.search(content, min(place + sizes[3], len(content)))
-            end = last.start() if last else len(content)
+            if last:
+                end = last.start()
+            else:
+                end = len(content)
             binary = (b"<" if sizes[0] == 1 else b">") + content[place:end]
             place = end
         while (text := line()) is not None and text.strip() != b"-1":
             if binary is None:
                 lines.append(text.decode("latin-1"))
-        word = first.split()[0] if first.split() else b""
-        number = int(word) if word.isdigit() else 58 if match else 0
+        if first.split():
+            word = first.split()[0]
+        else:
+            word = b""
+        if word.isdigit():
+            number = int(word)
+        else:
+            if match:
+                number = 58
+            else:
+                number = 0
         yield number, lines, binary
 
 
 def _units_of_file(line: str) -> str:
     """Units of a file in words, "SI" for metre and newton; empty where the dataset does not say."""
     code = line[:10].strip()
-    return "SI" if code == "1" else line[10:30].strip() or f"units of code {code}"
+    if code == "1":
+        return "SI"
+    return line[10:30].strip() or f"units of code {code}"
 
 
 def _function(number: int, lines: list[str], binary: bytes | None, units: str) -> TimeFunction | None:
@@ -170,13 +192,25 @@ def _function(number: int, lines: list[str], binary: bytes | None, units: str) -
         raise refusal("a damaged dataset 58", value=value, allowed="real numbers, two or more")
     numbers = _numbers(number, lines[_HEAD_LINES:], binary, data, count * (1 if even else 2))
     times: Array = np.asarray(first + step * np.arange(count) if even else numbers[::2])
-    values = numbers if even else numbers[1::2]
+    if even:
+        values = numbers
+    else:
+        values = numbers[1::2]
     names = [_label(lines[7]), _label(lines[8])]
     time_unit = names[0] or "s"
     unit = names[1] or (_SI.get(ordinate, "") if units in ("", "SI") and units else units)
-    sign = "-" if direction < 0 else "+"
-    way = _DIRECTIONS[abs(direction)] if abs(direction) < len(_DIRECTIONS) else ""
-    point = f"{node} {sign}{way}" if way else str(node)
+    if direction < 0:
+        sign = "-"
+    else:
+        sign = "+"
+    if abs(direction) < len(_DIRECTIONS):
+        way = _DIRECTIONS[abs(direction)]
+    else:
+        way = ""
+    if way:
+        point = f"{node} {sign}{way}"
+    else:
+        point = str(node)
     title = lines[0].strip()
     return TimeFunction(number, title if title not in ("", "NONE") else point, point, time_unit, unit, times, values)
 
@@ -184,14 +218,19 @@ def _function(number: int, lines: list[str], binary: bytes | None, units: str) -
 def _label(line: str) -> str:
     """Unit in the record of an axis; empty where it has none."""
     text = line[47:67].strip()
-    return "" if text.upper() in ("", "NONE") else text
+    if text.upper() in ("", "NONE"):
+        return ""
+    return text
 
 
 def _numbers(number: int, lines: list[str], binary: bytes | None, data: int, count: int) -> Array:
     """Numbers of a function, with its abscissae where these are uneven."""
     short = refusal("a function of time with too few numbers, or damaged ones", value=f"function {number}")
     precision, width = _REAL[data]
-    found = _parsed(lines, width, count) if binary is None else _unpacked(binary, precision, count, data)
+    if binary is None:
+        found = _parsed(lines, width, count)
+    else:
+        found = _unpacked(binary, precision, count, data)
     if found is None or not np.isfinite(found).all():
         raise short
     return found

@@ -167,12 +167,16 @@ class _Copy:
     @property
     def bolts(self) -> TightBolts:
         """Its bolts, as tightened."""
-        return TightBolts() if self.start is None else self.start.bolts
+        if self.start is None:
+            return TightBolts()
+        return self.start.bolts
 
     @property
     def classes(self) -> list[ModelClass]:
         """Its classes, at its start."""
-        return self.problem.classes if self.start is None else self.start.displaced(self.problem.classes)
+        if self.start is None:
+            return self.problem.classes
+        return self.start.displaced(self.problem.classes)
 
 
 def marched_beside(
@@ -259,7 +263,9 @@ def _run(stage: Stage, copies: Sequence[_Copy], progress: Progress | None) -> Ru
     settings = replace(settings, tolerance=share * settings.tolerance, force_tolerance=share * settings.force_tolerance)
     run = Run(assembly, settings, Recorder(assembly, request, {}), Timings(), RunControl(progress=progress))
     run.all()
-    return run if run.status()[0] else None
+    if run.status()[0]:
+        return run
+    return None
 
 
 def _classes(base: DiscretisedProblem, copies: Sequence[_Copy], places: Sequence[Index]) -> Iterator[ModelClass]:

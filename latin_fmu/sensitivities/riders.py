@@ -78,7 +78,10 @@ class Ride:
         SolverError : it does not.
         """
         if self.started.left == 0.0:
-            what = "the derivatives and the bands" if self.scene.spread else "the derivatives"
+            if self.scene.spread:
+                what = "the derivatives and the bands"
+            else:
+                what = "the derivatives"
             raise SolverError(self.started.sentence(what))
 
     def report(self, done: int, total: int) -> None:
@@ -170,7 +173,10 @@ def _of_other_run(ride: Ride, scene: Scene) -> tuple[dict[str, float] | None, st
     if budget is not None and budget <= outcome.timings.march:
         return None, ride.started.sentence("their checks")
     operators = None if ride.tangent is None else ride.tangent.problem.kept
-    store = KeptOperators() if operators is None else operators.copy()
+    if operators is None:
+        store = KeptOperators()
+    else:
+        store = operators.copy()
     try:
         solution = ride.solve(scene, kept=store, progress=ride.progress, max_cpu=budget)
     except LatinError as error:

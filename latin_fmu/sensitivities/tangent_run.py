@@ -123,7 +123,10 @@ class TangentRun(RunState):
         p = group.n_point
         h = group.n_component
         n, copies = rows.stop - rows.start, len(self._solved.changes)
-        width = h if group.behaviour.elastic else 1
+        if group.behaviour.elastic:
+            width = h
+        else:
+            width = 1
         slopes, sources, follows = (
             image.group_field(g, name, image.rows, copies * p, *shape)[rows]
             for name, shape in (("slopes", (3, 3)), ("sources", (h,)), ("follows", (width,)))

@@ -183,7 +183,9 @@ class Tangents:
     @property
     def statics(self) -> Kept | None:
         """Operators of the static start; None where there is none."""
-        return self.stages[-1].operators if self.stages else None
+        if self.stages:
+            return self.stages[-1].operators
+        return None
 
     def motion(self, ready: SolverReadyProblem, recorder: Recorder) -> Stage:
         """The motion of the run as a stage."""
@@ -206,7 +208,10 @@ class Tangents:
             try:
                 run = _march(stage, parameters, states)
             except SolverError as error:
-                how = f"tightening of {listed(stage.tightened)}" if stage.tightened else "static start"
+                if stage.tightened:
+                    how = f"tightening of {listed(stage.tightened)}"
+                else:
+                    how = "static start"
                 where = f"where t goes from 0 to 1 s in the increments of the {how}, before the run"
                 remedy = "bonded faces whose meshes do not match may leave them undetermined: take the points of such "
                 remedy += "an interface from the side that has fewer (points_from)"
@@ -426,11 +431,15 @@ class OperatorChanges:
                 stiffness = (cuts[0].stiffness - cuts[1].stiffness) / parameter.span
                 pattern = parameter.of(cuts[0].pattern, cuts[1].pattern)
                 bolts[named(copy, name)] = replace(place, pattern=pattern, terms={load_name(name): stiffness})
-        return OperatorChanges(stage, changes, strains, bolts, len(parameters)) if changes else None
+        if changes:
+            return OperatorChanges(stage, changes, strains, bolts, len(parameters))
+        return None
 
     def start(self, copy: int, name: str) -> Array | None:
         """Force (n_full,) on a body at t = 0, N."""
-        return self._last[copy, name][0] if (copy, name) in self._last else None
+        if (copy, name) in self._last:
+            return self._last[copy, name][0]
+        return None
 
     def act(self, image: Image, n: int, row: int) -> None:
         """Write the forces of the next n instants into the image of the derivatives, from a row on."""
@@ -472,7 +481,10 @@ class OperatorChanges:
             before, now = motion[..., :-1], motion[..., 1:]
             static, inertia = self._parts(key, first, now, before)
             # what the next instant takes of this one has the velocity of the state
-            old_static = self._parts(key, first, now, None)[0] if weights["force_old"] != 0.0 else static
+            if weights["force_old"] != 0.0:
+                old_static = self._parts(key, first, now, None)[0]
+            else:
+                old_static = static
             if key in self._strains:
                 strained = self._strained(key, first, motion)
                 static, old_static = static + strained, old_static + strained
@@ -570,7 +582,9 @@ def _difference(more: sp.csr_array | None, less: sp.csr_array | None, span: floa
     if more is None or less is None:
         return None
     slope = sp.csr_array((more - less) / span)
-    return slope if abs(slope).max() > 0.0 else None
+    if abs(slope).max() > 0.0:
+        return slope
+    return None
 
 
 def _unit(

@@ -40,7 +40,9 @@ class Measure:
         if not math.isfinite(self.value):
             return math.inf
         if self.limit == 0:
-            return 0.0 if self.value <= 0 else math.inf
+            if self.value <= 0:
+                return 0.0
+            return math.inf
         return self.value / self.limit
 
 
@@ -209,7 +211,9 @@ def distance(computed: Array, reference: Array) -> float:
     """Largest difference over the largest reference value."""
     largest = float(np.abs(reference).max())
     apart = float(np.abs(computed - reference).max())
-    return apart / largest if largest > 0 else apart
+    if largest > 0:
+        return apart / largest
+    return apart
 
 
 def impulse(solution: Solution, interface: str = "meet") -> float:

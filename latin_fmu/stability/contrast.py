@@ -52,7 +52,10 @@ def contrast_cases() -> Iterator[Case]:
 
 
 def _materials(what: str, ratio: float, poisson: float = 0.0) -> tuple[Material, Material]:
-    hard = Material(ratio, 1.0, poisson) if what == "E" else Material(1.0, ratio, poisson)
+    if what == "E":
+        hard = Material(ratio, 1.0, poisson)
+    else:
+        hard = Material(1.0, ratio, poisson)
     return Material(1.0, 1.0, poisson), hard
 
 
@@ -145,7 +148,10 @@ def shape_cases() -> Iterator[Case]:
 def _sliver(shape: str, aspect: float, bench: Bench) -> list[Measure]:
     # thin along z, the way of the wave: the step follows the thickness
     size = {"thin": (1, 1, 1 / aspect), "long": (1, 1, aspect), "flat": (aspect, 1, 1)}[shape]
-    step = 0.2 / aspect if shape == "thin" else 0.2
+    if shape == "thin":
+        step = 0.2 / aspect
+    else:
+        step = 0.2
     material = Material(1.0, 1.0, 0.3)
     scene = two_boxes(Box(material, size, velocity=(0.3, 0.0, 1.0)), Box(material, size), step, 30, 0.3)
     return against_round_off(bench, scene)

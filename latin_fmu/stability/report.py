@@ -75,7 +75,9 @@ def as_json(rows: Sequence[CaseResult]) -> str:
 def _plain(value: object) -> object:
     if not isinstance(value, float):
         return value
-    return float(f"{value:.4g}") if math.isfinite(value) else None
+    if math.isfinite(value):
+        return float(f"{value:.4g}")
+    return None
 
 
 def verdict(rows: Sequence[CaseResult], left_out: int = 0) -> str:

@@ -96,7 +96,10 @@ def surface_cases() -> Iterator[Case]:
         yield case(f"edge across faces of {cell}", "equilibrium, symmetry, no tension", _edge, cell)
         yield case(f"bars of {cell} that meet", "stress Z v/2, uniform", _bars, cell)
     for aspect, flat in ((100.0, 0.0), (1.0, 0.02), (1.0, 0.002)):
-        name = f"sliver tetrahedra, aspect {aspect:g}" if not flat else f"sliver tetrahedra, flat to {flat:g}"
+        if not flat:
+            name = f"sliver tetrahedra, aspect {aspect:g}"
+        else:
+            name = f"sliver tetrahedra, flat to {flat:g}"
         yield case(f"{name}, pressed", "uniform pressure (patch test)", _patch, "tetra", aspect, flat)
         yield case(f"{name}, meeting", "force of the same discrete problem at round-off", _slivers, aspect, flat)
     for cell in ("hexahedron", "hexahedron20"):
@@ -239,7 +242,10 @@ def _shaft(cell: str, bench: Bench) -> list[Measure]:
     halved; at 15 degrees an element, h^2/8 = 0.9 % by the chords alone: 3 %; quadratic cells a tenth."""
     exact = INNER**2 / (OUTER**2 - INNER**2) * (OUTER**2 / MIDDLE**2 - 1.0)
     off = [abs(_joint_pressure(cell, n, bench) / exact - 1.0) for n in (3, 6)]
-    allowed = 0.03 if cell == "hexahedron" else 0.003
+    if cell == "hexahedron":
+        allowed = 0.03
+    else:
+        allowed = 0.003
     return [
         Measure("pressure off by, 6 around a quarter", off[1], allowed),
         Measure("2.8 over its fall from 3 around", 2.8 * off[1] / off[0], 1.0),
@@ -285,7 +291,10 @@ def _bounce(friction: float, bench: Bench) -> list[Measure]:
         scene["interface"] = {
             "meet": {"sides": ["cube.zmin", "ground"], "ground": ground, "friction_coefficient": friction}
         }
-        aside = speed if friction else 0.0
+        if friction:
+            aside = speed
+        else:
+            aside = 0.0
         scene["substructure"]["cube"]["initial_velocity"] = [aside, 0.0, -speed]
         scene["output"] = {"energy": True}
         measures = against_round_off(bench, scene)

@@ -82,7 +82,10 @@ class BoltEnd:
             if self._holds(units[i], side, nodes):
                 return None
             touching.append(units[i].attached or f"interface.{units[i].name}")
-        why = f"{', '.join(touching)} there, but not along the axis" if touching else "no interface is there"
+        if touching:
+            why = f"{', '.join(touching)} there, but not along the axis"
+        else:
+            why = "no interface is there"
         remedy = 'bond its thread: thread = {part = "...", length = ...}, or an [interface.NAME] with behaviour = '
         remedy += '"perfect"; or support it by a seat, nut, spring or boundary'
         return Problem(
@@ -115,7 +118,9 @@ class BoltEnd:
         nodes = np.zeros(len(self.nodes), dtype=bool)
         nodes[np.unique(sp.csr_array(trace).indices) // 3] = True
         nodes &= self.nodes
-        return nodes if nodes.any() else None
+        if nodes.any():
+            return nodes
+        return None
 
     def _holds(self, unit: InterfaceUnit, side: int, nodes: np.ndarray) -> bool:
         """Whether an interface takes the end along the axis."""

@@ -86,7 +86,10 @@ def _jump(unit: InterfaceUnit, fields: Mapping[str, Array], conditions: Mapping[
     for _, side, name in body_sides([unit]):
         trace, support = unit.geometry.local_trace(side, n), conditions[name]
         if name in fields and trace is not None:
-            nodal = support.nodal @ fields[name] if isinstance(support, RigidConditions) else fields[name]
+            if isinstance(support, RigidConditions):
+                nodal = support.nodal @ fields[name]
+            else:
+                nodal = fields[name]
             jump += (2 * side - 1) * np.asarray(trace @ nodal).reshape(-1, n)
     return jump
 

@@ -108,7 +108,9 @@ def equilibrium(
         whole = _solved(lambda: static_march(discretised, start, assembly, operators), settings)
     except (TieError, SolverError):
         return found
-    return whole if whole.run.status()[0] else found
+    if whole.run.status()[0]:
+        return whole
+    return found
 
 
 def _solved(make: Callable[[], StaticMarch | SolverReadyProblem], limits: SolverSettings) -> Equilibrium:

@@ -88,7 +88,10 @@ def closed_by_strains(
     """
 
     names = [unit.name for unit in problem.units if _is_open(unit) and _closes(unit, before, traction, least)]
-    catching = {name for group in falling_in(problem) for name in group.catching} if names else set()
+    if names:
+        catching = {name for group in falling_in(problem) for name in group.catching}
+    else:
+        catching = set()
     return [name for name in names if name in catching]
 
 
@@ -119,7 +122,9 @@ def held_by_friction_alone(
     units = [u for u in problem.units if u.name in traction and u.name not in names]
     groups = free_groups(bodies, conditions, units)
     balanced = all(group.work(_forces(problem.scene, bodies, group))[0] <= BALANCED for group in groups)
-    return names if balanced else []
+    if balanced:
+        return names
+    return []
 
 
 def _closes(unit: InterfaceUnit, before: Mapping[str, Array], traction: Mapping[str, Array], least: float) -> bool:

@@ -70,7 +70,8 @@ def allowed_motions(body: Body, conditions: Conditions, more: Array | None = Non
         return conditions.nodal[:, : conditions.expansion.shape[1]]
     nodes, p = body.mesh.nodes, conditions.expansion
     full = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
-    full = full if more is None else np.hstack([full, more])
+    if more is not None:
+        full = np.hstack([full, more])
     against = full - p @ closest_reduced(p, full)  # what held and tied nodes do not allow
     values, vectors = la.eigh(against.T @ against / len(nodes))
     return np.asarray(full @ vectors[:, values < HELD])  # mean squares over the nodes, of motions of unit size
@@ -144,7 +145,11 @@ class LimitLoad:
             self.path[0] -= unit.preload * np.einsum("p,pm->m", geometry.areas, relative[:, 0])
         mu = coulomb_coefficient(unit.behaviour)
         tied = not (unit.behaviour.opens and getattr(unit.behaviour, "compiled", False))  # a law of one's own may pull
-        mu = 0.0 if unit.behaviour.n_component == 1 else np.inf if tied or mu is None else mu
+        if unit.behaviour.n_component == 1:
+            mu = 0.0
+        else:
+            if tied or mu is None:
+                mu = np.inf
         for p in _corners(places, geometry.frames[:, 0]):
             yield _ContactPoint(relative[p, 0], -relative[p, 1:], mu, tied)  # signs of the virtual power above
 
@@ -190,7 +195,10 @@ class LimitLoad:
         """Whether a point that may open opens no more than the sliding of the mechanism requires."""
         size = max(float(np.abs(p.friction @ motion).max()) for p in self.points)
         # of a point without slip the friction does no work
-        sliding = 0.0 if np.isinf(point.mu) else point.mu * float(np.linalg.norm(point.friction @ motion))
+        if np.isinf(point.mu):
+            sliding = 0.0
+        else:
+            sliding = point.mu * float(np.linalg.norm(point.friction @ motion))
         return not point.tied and bool(point.pressure @ motion - sliding < 1e-6 * max(size, 1e-300))
 
     def _refined(self, directions: list[list[Array]], motion: Array) -> bool:
@@ -291,7 +299,10 @@ def _mechanism(problem: DiscretisedProblem, limit: LimitLoad, motion: Array) -> 
     """Which bodies move, and how: without the opening that the friction of the mechanism brings with it."""
     closed = np.array([p.pressure for p in limit.points if limit.slides(p, motion)])
     # the part of the motion that opens no point that slides
-    sliding = motion - np.linalg.pinv(closed, rcond=_PLANE) @ (closed @ motion) if closed.size else motion
+    if closed.size:
+        sliding = motion - np.linalg.pinv(closed, rcond=_PLANE) @ (closed @ motion)
+    else:
+        sliding = motion
     if np.abs(sliding).max() > 1e-3 * np.abs(motion).max():
         motion = sliding
     moved = {n: (m @ motion[limit.where[n]]).reshape(-1, 3) for n, m in limit.motions.items()}
@@ -403,7 +414,10 @@ def free_motions(motions: Mapping[str, Array], units: Sequence[InterfaceUnit]) -
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
     # values[-1] is 0 where no interface takes part: all motions are free
-    free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
+    if values[-1] > 0:
+        free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)]
+    else:
+        free = vectors
     return {name: free[rows] for name, rows in where.items()}
 
 
@@ -440,7 +454,10 @@ def acting(scene: Scene, bodies: Mapping[str, Body], time: Array) -> list[tuple[
     forces = []
     for name, body in bodies.items():
         for term in load_terms(scene, name, body, None, straining=False):
-            history = np.zeros(len(time)) if term.name in inputs else laws[term.name].sample(time)
+            if term.name in inputs:
+                history = np.zeros(len(time))
+            else:
+                history = laws[term.name].sample(time)
             forces.append((name, term.pattern, np.concatenate([history, [float(term.name == n) for n in inputs]])))
     return forces
 
@@ -461,7 +478,10 @@ def unheld(
         if share <= BALANCED and not all(isinstance(conditions[n], RigidConditions) for n in group.motions):
             continue
         # + 0.0: no negative zeros in a sentence
-        by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N" if resultant.any() else "by a couple"
+        if resultant.any():
+            by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N"
+        else:
+            by = "by a couple"
         loads = f", its loads out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
         for name, motions in group.motions.items():
             found.append(([name], f"can {ways_of(motions)}{loads if share > BALANCED else ''}"))
@@ -506,7 +526,9 @@ def free_remarks(groups: Sequence[FreeGroup]) -> list[str]:
     """One sentence on the groups whose position is chosen, without inertia."""
     number = sum(group.n for group in groups)
     place = f"{number} displacements of nodes are held, without reactions"
-    return [f"substructures that nothing holds: {free_list(balanced_parts(groups, place))}"] if groups else []
+    if groups:
+        return [f"substructures that nothing holds: {free_list(balanced_parts(groups, place))}"]
+    return []
 
 
 def with_place(
@@ -569,7 +591,11 @@ def ways_of(motions: Array) -> str:
     along = [f"along {axis}" for i, axis in enumerate("xyz") if _contains(motions, i)]
     turns = motions.shape[1] > len(along) and np.linalg.matrix_rank(motions, tol=1e-6) > len(along)
     moves = f"move {', '.join(along)}"
-    return "turn" if not along else f"{moves} and turn" if turns else moves
+    if not along:
+        return "turn"
+    if turns:
+        return f"{moves} and turn"
+    return moves
 
 
 def _contains(motions: Array, axis: int) -> bool:

@@ -147,7 +147,10 @@ def _kept(unit: InterfaceUnit, traction: Array, least: float) -> NDArray[np.bool
     pressed = traction[:, 0] < -least
     fixed[:, 0] = pressed
     mu = coulomb_coefficient(behaviour)
-    sticks = pressed if isinstance(behaviour, NoSlip) or mu is None or mu > 0.0 else np.zeros_like(pressed)
+    if isinstance(behaviour, NoSlip) or mu is None or mu > 0.0:
+        sticks = pressed
+    else:
+        sticks = np.zeros_like(pressed)
     sheared = np.abs(traction[:, 1:]).max(axis=1, initial=0.0) > least
     fixed[:, 1:] = (sticks | sheared)[:, None]
     return fixed
@@ -161,7 +164,9 @@ def _left_free(relative: Mapping[str, Array], fixed: Mapping[str, NDArray[np.boo
         # a mean: fine faces count no more than coarse ones
         squares += rows.T @ rows / len(motion)
     values, vectors = la.eigh(squares)
-    return vectors if values[-1] <= 0.0 else np.asarray(vectors[:, values < HELD * values[-1]])
+    if values[-1] <= 0.0:
+        return vectors
+    return np.asarray(vectors[:, values < HELD * values[-1]])
 
 
 def gaps_of(
@@ -174,7 +179,10 @@ def gaps_of(
             trace = unit.geometry.local_trace(side, 1)
             if trace is not None and name in displacement:
                 conditions, u = problem.conditions[name], displacement[name]
-                nodal = conditions.nodal @ u if isinstance(conditions, RigidConditions) else u
+                if isinstance(conditions, RigidConditions):
+                    nodal = conditions.nodal @ u
+                else:
+                    nodal = u
                 gaps[unit.name] += (2 * side - 1) * (trace @ nodal)
     return gaps
 

@@ -89,7 +89,8 @@ def solved_equilibrium(
     """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
     own: Kept = {} if kept is None else kept
     tight = fitted(discretised, own, stages) if fits(discretised.units) else None
-    tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
+    if discretised.cuts:
+        tight = tightened(discretised, own, stages, tight)
     state = static_state(discretised, amplitudes, tight, own, stages)
     # without inertia the places follow from increment to increment
     if state is not None and not discretised.scene.time.quasi_static:

@@ -63,7 +63,10 @@ class StaticRun:
     @property
     def in_words(self) -> str:
         """What is solved."""
-        bonded = f", {len(self.tied.bonded)} bonds eliminated" if self.tied.bonded else ""
+        if self.tied.bonded:
+            bonded = f", {len(self.tied.bonded)} bonds eliminated"
+        else:
+            bonded = ""
         return f"all bodies at once, {self.tied.model.expansion.shape[1]} displacements{bonded}"
 
     def settings(self, settings: SolverSettings) -> SolverSettings:

@@ -98,7 +98,10 @@ class Stage:
 
     def likewise(self, whole: DiscretisedProblem) -> DiscretisedProblem:
         """The problem of this stage of another scene, whose bolts have the loads of this one."""
-        bolts = TightBolts() if self.start is None else self.start.bolts
+        if self.start is None:
+            bolts = TightBolts()
+        else:
+            bolts = self.start.bolts
         ramps = self.problem.ramps or (bolts.locked(self.problem.cuts) if self.problem.cuts else {})
         if self.static:
             free = [name for name in self.tightened if whole.cuts[name].tension is not None]
@@ -173,7 +176,9 @@ def start_remarks(
     groups = [group for group in start_groups(scene, bodies, conditions, units) if taken.isdisjoint(group.motions)]
     place = "the static start takes the place with the least displacement, as a mean over the mass"
     parts = [*balanced_parts(groups, place), *falling_parts(falling)]
-    return [f"substructures that nothing holds at t = 0: {free_list(parts)}"] if parts else []
+    if parts:
+        return [f"substructures that nothing holds at t = 0: {free_list(parts)}"]
+    return []
 
 
 def static_state(
@@ -197,7 +202,9 @@ def static_state(
     """
     scene = static_scene(whole.scene, amplitudes)
     if whole.scene.time.quasi_static or not something_acts(scene):  # without inertia the loads come in its increments
-        return tight if tight is None else replace(tight, amplitudes=dict(amplitudes))
+        if tight is None:
+            return tight
+        return replace(tight, amplitudes=dict(amplitudes))
     discretised = static_problem(whole, scene)
     found, state = _solved_start(whole, discretised, amplitudes, tight, operators, stages is not None)
     size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
@@ -211,7 +218,10 @@ def static_state(
         if not overlaps:
             discretised, (found, state) = other, solved
     if stages is not None:
-        end = state if tight is None else replace(state, bolts=tight.bolts)
+        if tight is None:
+            end = state
+        else:
+            end = replace(state, bolts=tight.bolts)
         stages.append(
             Stage(discretised, found.of_bodies, found.run.recorder.rows, tight, operators, static=True, end=end)
         )
@@ -345,7 +355,10 @@ def _pulled_apart(
     free, whole = free_motions(motions, units), free_motions(rigid, units)
     moving = np.concatenate([motions[n] @ free[n] for n in motions])
     along = np.concatenate([rigid[n] @ whole[n] for n in motions])
-    apart = moving - along @ la.lstsq(along, moving)[0] if along.size and moving.size else moving
+    if along.size and moving.size:
+        apart = moving - along @ la.lstsq(along, moving)[0]
+    else:
+        apart = moving
     ends = np.cumsum([len(motion) for motion in motions.values()])[:-1]
     return dict(zip(motions, np.split(apart, ends), strict=True))
 
@@ -408,13 +421,17 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
     data["port"] = dict(_ports(scene, data["port"], still, amplitudes, loaded))
     for load in body_loads_of(scene):
-        amplitude = _at_start(load.name, load.law, amplitudes) if loaded and load.kind.acts(load.table) else 0.0
+        if loaded and load.kind.acts(load.table):
+            amplitude = _at_start(load.name, load.law, amplitudes)
+        else:
+            amplitude = 0.0
         load.kind.at_rest(data, load.of, still, _raised(amplitude) if amplitude else None)
     if not loaded:
         data["load"] = {}
         for boundary in data["boundary"].values():
             # faces stay driven, at zero
-            boundary |= {"value": [0.0] * len(boundary["value"])} if "value" in boundary else {}
+            if "value" in boundary:
+                boundary |= {"value": [0.0] * len(boundary["value"])}
     for material in data["material"].values():
         for key in (*DAMPING_KEYS, "at_frequency", "frame"):
             material.pop(key, None)
@@ -463,7 +480,10 @@ def something_acts(scene: Scene) -> bool:
 def _boundaries(scene: Scene, tables: _Tables, still: list[str]) -> Iterator[tuple[str, _Tables]]:
     for name, boundary in scene.boundary.items():
         table = tables[name]
-        face = table["faces"][0] if "faces" in table else table["face"]
+        if "faces" in table:
+            face = table["faces"][0]
+        else:
+            face = table["face"]
         if split_face(face)[0] not in still or isinstance(boundary, Absorbing):
             continue
         if isinstance(boundary, PrescribedVelocity | PrescribedAcceleration):
@@ -494,7 +514,10 @@ def _ports(
         for source, component in port.inputs(name).items():
             acts = loaded and port.causality != "motion_in"
             laws[component] = _raised(_at_start(source, port.law(component), amplitudes) if acts else 0.0)
-        causality = "motion_in" if port.causality == "motion_in" else "force_in"
+        if port.causality == "motion_in":
+            causality = "motion_in"
+        else:
+            causality = "force_in"
         table = {key: value for key, value in tables[name].items() if key != "impedance"}
         yield name, {**table, "causality": causality, "laws": laws}
 
@@ -502,7 +525,9 @@ def _ports(
 def _at_start(name: str, law: TimeLaw, amplitudes: Mapping[str, float]) -> float:
     """Amplitude of a law at t = 0; that of one set from outside is in ``amplitudes``."""
     amplitude = float(law.sample(np.zeros(1))[0])
-    return amplitudes.get(name, amplitude) if isinstance(law, InputLaw) else amplitude
+    if isinstance(law, InputLaw):
+        return amplitudes.get(name, amplitude)
+    return amplitude
 
 
 def _raised(amplitude: float) -> _Tables:
@@ -586,7 +611,8 @@ def tightened(
     _check_yield(whole, bolts)
     words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"
     words += f", {increments} increment(s), {iterations} iterations"
-    words = words if start is None else f"{start.message}; {words}"
+    if start is not None:
+        words = f"{start.message}; {words}"
     return replace(state, bolts=bolts, message=words, remarks=tuple(remarks))
 
 

@@ -83,7 +83,9 @@ class Newmark(TimeScheme):
     @property
     def declared_order(self) -> int:
         """2 for gamma = 1/2 - alpha, else 1."""
-        return 2 if abs(self.gamma - 0.5 + self.alpha) < 1e-12 else 1
+        if abs(self.gamma - 0.5 + self.alpha) < 1e-12:
+            return 2
+        return 1
 
     @property
     def force_weight(self) -> float:

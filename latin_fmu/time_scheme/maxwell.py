@@ -52,7 +52,9 @@ class MaxwellBranches:
 
     def marched(self, scheme: TimeScheme) -> MaxwellBranches:
         """The branches that a scheme marches: without inertia all are relaxed."""
-        return NO_BRANCHES if scheme.name == "quasi_static" else self
+        if scheme.name == "quasi_static":
+            return NO_BRANCHES
+        return self
 
     def weights(self, scheme: TimeScheme, dt: float) -> Array:
         """g, c_e, c_u and h (4, n_branch) of a step, of explicit schemes those of half a step (module docstring)."""
@@ -87,5 +89,8 @@ def joint_weights(scheme: TimeScheme, dt: float, times: Array) -> Array:
     h = 0.5 * dt / times
     c_e, c_u = (1.0 - h) / (1.0 + h), 1.0 / (1.0 + h)
     # explicit steps have the elongation of the place at which the spring acts already
-    old = 1.0 if scheme.explicit else scheme.old_weights[1]
+    if scheme.explicit:
+        old = 1.0
+    else:
+        old = scheme.old_weights[1]
     return np.stack([c_e, c_u, (old + (1.0 - old) * c_e) / c_u], axis=1)

@@ -150,7 +150,10 @@ def coefficients(scheme: Any, dt: float) -> dict[str, float]:
     # unit vectors for arguments: entry i of a result is its factor of argument i
     nothing, (first, second, third) = np.zeros(3), np.eye(3)
     # half of an explicit step is made before the forces are known, half after
-    late = 0.5 * dt if scheme.explicit else 0.0
+    if scheme.explicit:
+        late = 0.5 * dt
+    else:
+        late = 0.0
     u, v = scheme.predict(nothing, first, second, dt)
     w = scheme.interface_velocity(first, second, third, dt)
     layer, span = scheme.layer_jump(nothing, first, second, dt)
