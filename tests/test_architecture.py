@@ -17,12 +17,14 @@ from statistics import median
 import pytest
 
 import latin_fmu
+from latin_fmu import inside
 
 PACKAGE = Path(__file__).parents[1] / "latin_fmu"
 MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")))
 SOURCES = (*sorted(PACKAGE.rglob("*.py")), *sorted((PACKAGE.parent / "fmu_build").rglob("*.py")))
 TESTS = tuple(sorted(Path(__file__).parent.rglob("*.py")))
 LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 200  # lines
+MOST_FROM_INSIDE = 80  # names of the solver that tools take
 LONGEST_CLASS, MOST_METHODS, MOST_PARAMETERS, MOST_OF_KERNEL = 250, 20, 7, 12
 
 # Each layer may import those before it, never its own neighbours or those after it.
@@ -54,7 +56,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("model_exchange", "aot"),
     ("commands",),
     ("cli",),
-    ("__init__", "__main__"),
+    ("__init__", "__main__", "inside"),
 )
 NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
@@ -168,6 +170,31 @@ def test_modules_do_not_import_each_other_in_circles() -> None:
 
     for module in MODULES:
         visit(module, ())
+
+
+def test_tools_take_from_inside_what_is_listed() -> None:
+    """``latin_fmu.inside`` lists what tools take of the solver: no other name, and none that no tool takes."""
+    taken: dict[str, set[str]] = {}
+    for path in SOURCES:
+        inner = path.is_relative_to(PACKAGE)
+        if (top(path.relative_to(PACKAGE)) if inner else path.relative_to(PACKAGE.parent).parts[0]) not in inside.TOOLS:
+            continue
+        here = path.relative_to(PACKAGE).parts[:-1] if inner else ()
+        for node in nodes(path):
+            if not isinstance(node, ast.ImportFrom) or node.module is None:
+                continue
+            words = tuple(node.module.split("."))
+            if node.level:
+                words = (*here[: len(here) - node.level + 1], *words)
+            elif words[0] != "latin_fmu":
+                continue
+            else:
+                words = words[1:]
+            if words and words[0] in inside.ROOMS:
+                taken.setdefault(".".join(words), set()).update(alias.name for alias in node.names)
+    listed = {module: set(names) for module, names in inside.NAMES.items()}
+    assert taken == listed
+    assert sum(map(len, listed.values())) <= MOST_FROM_INSIDE
 
 
 def test_the_description_of_a_scene_is_data() -> None:

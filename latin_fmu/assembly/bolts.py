@@ -104,9 +104,7 @@ class BoltCut:
     def stress_area(self) -> float:
         """Section of the modelled part whose stress is compared with a yield stress, m2: that of the thread, else of
         the cut."""
-        if self.thread_area is None:
-            return self.area
-        return self.share * self.thread_area
+        return self.area if self.thread_area is None else self.share * self.thread_area
 
     def loads(self) -> LoadTerm:
         """Load term of the bolt: amplitude delta, F while it is loose."""
@@ -135,20 +133,14 @@ class BoltCut:
                 f"{units['Pa']}{self._thread(units)}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
-        if self.note:
-            note = f"; {self.note}"
-        else:
-            note = ""
+        note = f"; {self.note}" if self.note else ""
         return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}{note}"
 
     def _thread(self, units: UnitSystem) -> str:
         """The section that the stress is of, where it is not the meshed one, in words."""
         if self.thread_area is None:
             return ""
-        if self.share == 1.0:
-            part = ""
-        else:
-            part = f"{fraction(self.share)} of "
+        part = "" if self.share == 1.0 else f"{fraction(self.share)} of "
         return f" over {part}the stress area of {self.table.size}, {self.thread_area:.4g} {units['m2']}"
 
     def _whole(self, force: float, units: UnitSystem) -> str:
@@ -160,9 +152,11 @@ class BoltCut:
     def _torque(self, units: UnitSystem) -> str:
         """The torque that the target is of, in words."""
         table = self.table
-        if table.torque is None:
-            return ""
-        return f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
+        return (
+            ""
+            if table.torque is None
+            else f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
+        )
 
     def clamp(self, nodes: Array, shortening: float) -> Clamp:
         """Where the bolt clamps; ``nodes`` (n, 3) of its body, m."""
@@ -228,10 +222,7 @@ def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, proble
     """Refuse a tension whose mean stress is above the yield stress of the material or of the property class; above
     ``LARGEST_STRESS`` where neither is given."""
     units = body.units
-    if cut.share == 1.0:
-        part = ""
-    else:
-        part = f" ({fraction(cut.share)} of the screw is modelled)"
+    part = "" if cut.share == 1.0 else f" ({fraction(cut.share)} of the screw is modelled)"
     limit, of = _limit(cut.table, body)
     if force is None or limit is None or force <= limit * cut.stress_area:
         return
@@ -250,8 +241,7 @@ def _limit(table: Bolt, body: Body) -> tuple[float | None, str]:
     """Largest mean stress of a bolt, Pa, and what it is of, in words; None of numbers without units."""
     own, of_class = body.shape.material.yield_stress, table.class_stress(body.units)
     known = [(own, "the yield stress of the material")] if own is not None else []
-    if of_class is not None:
-        known += [(of_class, f"the yield stress of class {table.property_class}")]
+    known += [(of_class, f"the yield stress of class {table.property_class}")] if of_class is not None else []
     if known:
         return min(known)
     if not body.units.measurable:
@@ -267,16 +257,10 @@ def check_diameter(name: str, cut: BoltCut, body: Body, problems: Problems) -> N
     # of a round section of this area
     drawn = 2.0 * float(np.sqrt(cut.area / (cut.share * np.pi)))
     # a waisted shank is thinner than its core, and is no thread
-    if cut.table.size is not None:
-        least = FITTING[0]
-    else:
-        least = WAISTED
+    least = FITTING[0] if cut.table.size is not None else WAISTED
     if least <= drawn / nominal <= FITTING[1]:
         return
-    if cut.table.size is not None:
-        key = "thread"
-    else:
-        key = "diameter"
+    key = "thread" if cut.table.size is not None else "diameter"
     problems.add(
         f"bolt.{name}.{key}",
         f"the section of the cut of {body.name} is that of a diameter of {drawn:.4g} {units}"
@@ -293,10 +277,7 @@ def section_remarks(cuts: Iterable[BoltCut], units: UnitSystem) -> Iterator[str]
         # where the moduli of the free shank are scaled its section does not count
         if cut.thread_area is None or cut.scaled or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
             continue
-        if cut.share == 1.0:
-            part = ""
-        else:
-            part = f" times the share {fraction(cut.share)} that is modelled"
+        part = "" if cut.share == 1.0 else f" times the share {fraction(cut.share)} that is modelled"
         yield (
             f"bolt {cut.name}: its meshed section, {cut.area:.4g} {units['m2']}, is {ratio:.3g} of the stress area of "
             f"{cut.table.size}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
@@ -496,10 +477,7 @@ class _Section:
         on it."""
         where, point = f"bolt.{self._name}", self._bolt.point
         blocked = np.logical_or.reduce([held, *joined.values()])
-        if point is None:
-            level = self._middle(blocked)
-        else:
-            level = float(self._level(np.asarray(point) @ self._axis))
+        level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
         if level is None:
             named = {f"interface {name}": nodes for name, nodes in joined.items()}
             problems.add(
@@ -525,9 +503,7 @@ class _Section:
             )
             return None
         facets = self._one_section(chosen, problems)
-        if facets is None or not self._fits(facets, held, joined, problems):
-            return None
-        return self._made(facets, level)
+        return None if facets is None or not self._fits(facets, held, joined, problems) else self._made(facets, level)
 
     def _middle(self, blocked: np.ndarray) -> float | None:
         """Level in the middle of the longest stretch of the thinnest sections without blocked nodes; None where there
@@ -636,10 +612,7 @@ class _Section:
         own = [name for name, taken in joined.items() if taken[nodes].any()]
         blocked = np.logical_or.reduce([held, *joined.values()])[nodes]
         if blocked.any():
-            if own:
-                why = f"of interfaces: {listed(own)}"
-            else:
-                why = "held along the axis by a boundary condition"
+            why = f"of interfaces: {listed(own)}" if own else "held along the axis by a boundary condition"
             problems.add(
                 where,
                 f"{int(blocked.sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {why}",
@@ -702,9 +675,7 @@ class _Section:
             moving[block.cells[cells[first : first + len(block.cells)]].ravel()] = True
             first += len(block.cells)
         # all elements: a ring, which one cut does not divide
-        if not cells.all():
-            return moving
-        return np.zeros_like(moving)
+        return moving if not cells.all() else np.zeros_like(moving)
 
 
 def _between(stops: Array, blocked: Array, usable: np.ndarray) -> np.ndarray:

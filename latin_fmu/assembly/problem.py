@@ -113,14 +113,9 @@ class SolverReadyProblem:
         stores = {id(p.members[0].store): p.members[0].store for p in self.assembly.propagators}
         kept = "; ".join(filter(None, (store.remark() for store in stores.values())))
         out = {} if self.reduced is None else {"propagator": self.reduced.in_words}
-        if self.grouped is None:
-            words = self.bonds
-        else:
-            words = self.grouped.in_words
-        if words:
-            out |= {"bonds": words}
-        if self.untouched is not None:
-            out |= {"left out, never touched": ", ".join(self.untouched.info)}
+        words = self.bonds if self.grouped is None else self.grouped.in_words
+        out |= {"bonds": words} if words else {}
+        out |= {} if self.untouched is None else {"left out, never touched": ", ".join(self.untouched.info)}
         return {"time scheme": self.scheme, **start, **out, **({"operators": kept} if kept else {})}
 
 
@@ -235,8 +230,7 @@ class DiscretisedProblem:
         if not (acting or elongated):
             return None
         thermal, moduli = body.shape.elasticity.thermal_stress, body.shape.moduli
-        if moduli is not None:
-            thermal = moduli[:, None] * thermal
+        thermal = thermal if moduli is None else moduli[:, None] * thermal
         return partial(_unstrained, thermal, acting, self.time, elongated)
 
     def recovered_of(self, shortening: Mapping[str, float]) -> dict[str, Recovered]:
@@ -249,10 +243,7 @@ class DiscretisedProblem:
         for n, b in self.bodies.items():
             if not b.rigid:
                 opened = self.opened(n, shortening)
-                if opened is None:
-                    recovery = b.shape.recovery
-                else:
-                    recovery = opened.recovery(b.shape)
+                recovery = b.shape.recovery if opened is None else opened.recovery(b.shape)
                 made[n] = Recovered(recovery, *fields, self._unstrained(b))
         return made
 
@@ -264,9 +255,7 @@ class DiscretisedProblem:
     def opened(self, name: str, shortening: Mapping[str, float]) -> OpenedMesh | None:
         """Mesh of a substructure with the cuts of its bolts open; None where it has none."""
         own = [cut for cut in self.cuts.values() if cut.table.substructure == name]
-        if own:
-            return OpenedMesh(self.bodies[name].mesh, own, shortening)
-        return None
+        return OpenedMesh(self.bodies[name].mesh, own, shortening) if own else None
 
     @property
     def timeline(self) -> Timeline:
@@ -276,19 +265,13 @@ class DiscretisedProblem:
     @cached_property
     def impedance(self) -> Array:
         """Impedance, in statics stiffness, of the side of every channel (see ``Assembly``)."""
-        if isinstance(self.scheme, QuasiStatic):
-            side = side_stiffness
-        else:
-            side = side_impedance
+        side = side_stiffness if isinstance(self.scheme, QuasiStatic) else side_impedance
         return side(self.bodies, self.units, self.layout)
 
     @cached_property
     def characteristic_traction(self) -> float:
         """Largest traction that loads, motions and bolts can cause, Pa."""
-        if isinstance(self.scheme, QuasiStatic):
-            size = static_traction
-        else:
-            size = characteristic_traction
+        size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
         stresses = [cut.stress(self.bodies[cut.table.substructure]) for cut in self.cuts.values()]
         approach = flexibility(self.bodies, self.units, self.layout) if fits(self.units) else {}
         pressed = fit_pressures(self.units, approach)
@@ -302,15 +285,8 @@ class DiscretisedProblem:
         start : initial state in the place of that of the scene. kept : operators of static problems by
         ``ModelClass.key``, which are used again and added to. processes : among which the substructures are divided.
         """
-        # ``start`` changes its gaps
-        if start is None:
-            layout = self.layout
-        else:
-            layout = Layout(self.units)
-        if start is None:
-            classes = self.classes
-        else:
-            classes = start.displaced(self.classes)
+        layout = self.layout if start is None else Layout(self.units)  # ``start`` changes its gaps
+        classes = self.classes if start is None else start.displaced(self.classes)
         classes, *distribution = divided(self.scene, classes, processes)
         assembly, without_factor = self.assembled(classes, self.units, layout, self.impedance.copy(), kept)
         assembly.owner, assembly.part_of = distribution
@@ -354,8 +330,7 @@ class DiscretisedProblem:
         counts = not known and waves_count(self.scene, self.bodies, self.units, self.time)
         unresolved = resolution_remarks(unresolved_sides(assembly) if counts else [])
         warnings = (*self.remarks, *remarks_of("memory", without_factor), *unresolved)
-        if start is not None:
-            warnings += tuple(remarks_of("start", start.remarks))
+        warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         words, against, unforeseen = _checked_scheme(self, None if static else start)
         unforeseen |= rigid_impacts(self.scene, self.bodies, self.units)
         return (*warnings, *remarks_of("scheme", against)), timeline, start, words, unforeseen
@@ -392,10 +367,7 @@ def ready(
 ) -> SolverReadyProblem:
     """The problem with its operators."""
     warnings, timeline, start, words, unforeseen = about
-    if start is None:
-        bolts = TightBolts()
-    else:
-        bolts = start.bolts
+    bolts = TightBolts() if start is None else start.bolts
     nodes = {name: body.mesh.nodes for name, body in problem.bodies.items()}
     return SolverReadyProblem(
         assembly,
@@ -475,10 +447,7 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         # before the key: the store is no part of it
         model, channels = _model(problem, name, loads)
         model = replace(model, store=store)
-        if scene.solver.share_identical and not compared:
-            key = _signature(model, body)
-        else:
-            key = name.encode()
+        key = _signature(model, body) if scene.solver.share_identical and not compared else name.encode()
         key += _dashpots_key(scene, name)
         if loose := [cut for cut in own if cut.loose]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
@@ -492,10 +461,7 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         if problem.kept is not None:
             problem.kept.adopt(models[0])
         # with the matrices: no part of the factorisation
-        if models[0].mass is None:
-            _ = models[0].reduced_stiffness
-        else:
-            _ = models[0].reduced
+        _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
         groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1), key=key))
     share_patterns([c.members[0] for c in groups if c.members[0].mass is not None])
     return groups
@@ -525,10 +491,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
     # what the traces in the local frames follow from
     given = [x for u, s in sides for x in (u.geometry.traces[s], u.geometry.frames, u.behaviour.n_component)]
     trace = known.again(f"trace {name}", (body, *given), lambda: _trace(body, sides))
-    if areas:
-        area = np.concatenate(areas)
-    else:
-        area = np.zeros(0)
+    area = np.concatenate(areas) if areas else np.zeros(0)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
         # the load that holds the preload: opposite to it
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
@@ -571,9 +534,7 @@ def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_arr
         trace = unit.geometry.local_trace(side, unit.behaviour.n_component)
         assert trace is not None, "a side of a body has a trace"
         traces.append(trace)
-    if traces:
-        return sp.csr_array(sp.vstack(traces))
-    return sp.csr_array((0, body.full_size()))
+    return sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, body.full_size()))
 
 
 def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:
@@ -587,10 +548,7 @@ def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr
     a, b = material.drag, material.damping.viscosity
     if not (a or b):
         return total(held.dashpots, viscosity)
-    if layer is None:
-        mass = body.mass
-    else:
-        mass = layer.mass
+    mass = body.mass if layer is None else layer.mass
     rayleigh = a * mass + b * body.shape.stiffness
     return total(sp.csr_array(rayleigh), held.dashpots, viscosity)
 
@@ -606,9 +564,7 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
 def _dashpots_key(scene: Scene, name: str) -> bytes:
     """The wave ports of a substructure, which its damping matrix depends on; empty where it has none."""
     waves = [port for port in scene.port.values() if port.body == name and port.causality == "wave"]
-    if waves:
-        return repr([(split_face(p.face)[1], p.components, p.impedance) for p in waves]).encode()
-    return b""
+    return repr([(split_face(p.face)[1], p.components, p.impedance) for p in waves]).encode() if waves else b""
 
 
 def _signature(model: SubstructureModel, body: Body) -> bytes:
@@ -651,10 +607,7 @@ def settings_of(scene: Scene) -> SolverSettings:
     """Settings of the iteration."""
     solver = scene.solver
     direction = solver.search_direction
-    if isinstance(direction, Uniform):
-        uniform = (direction.normal, direction.tangential)
-    else:
-        uniform = (0.0, 0.0)
+    uniform = (direction.normal, direction.tangential) if isinstance(direction, Uniform) else (0.0, 0.0)
     return SolverSettings(
         tolerance=solver.tolerance,
         force_tolerance=10.0 * solver.tolerance if solver.force_tolerance is None else solver.force_tolerance,
@@ -737,9 +690,7 @@ def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
 def _largest(law: TimeLaw, time: Array) -> float:
     """Largest amplitude of a law; that of an input, known only later, counts as 1 at least."""
     largest = float(np.abs(law.sample(time)).max())
-    if isinstance(law, InputLaw):
-        return max(largest, 1.0)
-    return largest
+    return max(largest, 1.0) if isinstance(law, InputLaw) else largest
 
 
 def _motions(scene: Scene, body: Body) -> Iterator[PrescribedMotion]:
@@ -764,10 +715,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
         for motion in _motions(scene, body):
             driving = motion.driving(time, over_steps=True)
             # a displacement has the rates of the steps that begin, others means of those that end
-            if motion.kind == "displacement":
-                steps = driving[:-1]
-            else:
-                steps = driving[1:]
+            steps = driving[:-1] if motion.kind == "displacement" else driving[1:]
             travels.append(float(np.abs(np.cumsum(steps * np.diff(time))).max()))
             # an input counts as if it lasted: its history is not known
             if isinstance(motion.law, InputLaw):

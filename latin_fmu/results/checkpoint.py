@@ -41,10 +41,7 @@ _ANY: Final = 1 << 30  # instants: no limit
 
 def machine() -> str:
     """What the bits of a run depend on beside the scene and the version of the package."""
-    if PLAIN:
-        kernels = "in Python"
-    else:
-        kernels = library.manifest(library.needed())[1][:12]
+    kernels = "in Python" if PLAIN else library.manifest(library.needed())[1][:12]
     doubles = f"doubles {np.dtype(float).str} with {np.finfo(float).nmant} bits"
     versions = f"Python {platform.python_version()}, numpy {np.__version__}"
     return f"{library.target()}, {sys.byteorder}-endian, {doubles}, kernels {kernels}, {versions}"
@@ -138,9 +135,7 @@ class Checkpoint:
 
     def instants(self, run: Run) -> int:
         """Instants, at least 1, that may be solved until the next checkpoint."""
-        if self._every is None:
-            return _ANY
-        return max(1, self._every - (run.assembly.instant - self._last))
+        return _ANY if self._every is None else max(1, self._every - (run.assembly.instant - self._last))
 
     def stops(self) -> bool:
         """Whether the run has to stop."""

@@ -179,7 +179,7 @@ class GravityKind(BodyLoadKind):
     unit = "m s-2"
 
     def value(self, table: Gravity, /) -> tuple[float, float, float]:
-        """The acceleration."""
+        """The acceleration along x, y, z, m s-2."""
         return table.acceleration
 
     def acts_on(self, _table: Gravity, _name: str, _body: str, _described: Substructure, /) -> bool:

@@ -70,9 +70,7 @@ def toml_value(value: Any) -> str:
     """One value on one line."""
     # before int, of which bool is a kind
     if isinstance(value, bool):
-        if value:
-            return "true"
-        return "false"
+        return "true" if value else "false"
     if isinstance(value, (int, float)):
         # the shortest text that is read back as the same number
         return repr(value)
@@ -209,9 +207,7 @@ def _relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
 
 def faces_of(boundary: Boundary) -> tuple[str, ...]:
     """Faces that a boundary condition names."""
-    if isinstance(boundary, Periodic):
-        return tuple(boundary.faces)
-    return (boundary.face,)
+    return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
 
 
 class Scene(SceneTable):
@@ -291,10 +287,7 @@ class Scene(SceneTable):
         # first: Python does not print such integers, as the messages below would
         if oversized := [Problem(path_text(path), "too large for a number") for path in oversized_integers(raw)]:
             raise SceneError(oversized, _HEADING)
-        if isinstance(data, Scene):
-            base_dir = data.base_dir
-        else:
-            base_dir = base_dir_of(info.context)
+        base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         numbers, unreadable = _with_numbers(cls, raw)
         places = {problem.where for problem in unreadable}
         written, unread = _with_parts(numbers, base_dir, info.context)
@@ -317,10 +310,7 @@ class Scene(SceneTable):
         if problems:
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
-        if isinstance(data, Scene):
-            scene._context = data._context
-        else:
-            scene._context = dict(info.context or {})
+        scene._context = data._context if isinstance(data, Scene) else dict(info.context or {})
         return scene
 
     def replace(self, key: str, value: Any) -> Self:
@@ -384,8 +374,7 @@ class Scene(SceneTable):
     def standing(self) -> list[str]:
         """What loads or moves bodies beside laws over time, in words."""
         made = [f"bolt {name}" for name in self.bolt]
-        if self.thrown:
-            made += ["motion of all bodies"]
+        made += ["motion of all bodies"] if self.thrown else []
         # 1 m2: whether there is any
         made += [f"preload of {name}" for name, joint in self.joints.items() if joint.initial_pressure(1.0)]
         return made + [f"initial motion of {name}" for name, body in self.substructure.items() if body.initial_keys]
@@ -446,9 +435,7 @@ class Scene(SceneTable):
     def joints(self) -> dict[str, Interface]:
         """Interfaces, and those that stand for springs and couplings, by name."""
         damped = any(interface.damping_ratios is not None for interface in self.interface.values())
-        if self.spring or self.coupling or damped:
-            return joints_of(self)
-        return self.interface
+        return joints_of(self) if self.spring or self.coupling or damped else self.interface
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""
