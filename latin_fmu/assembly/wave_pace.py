@@ -93,7 +93,7 @@ def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
     for reason, at in reasons.items():
         more = f" and {len(at) - _NAMED} more sides" if len(at) > _NAMED else ""
         found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
-        remedies.append(_REFINE if reason.startswith("the mesh") else "take smaller steps")
+        remedies.append(_REFINE if reason.startswith("the mesh") else "use smaller steps")
     what = "contacts shorter than the travel time of a wave through a few elements are not resolved; if they matter,"
     text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
     return [Remark("resolution", text)] if found else []

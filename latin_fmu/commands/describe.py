@@ -312,14 +312,14 @@ def _check_options(given: PlotOptions, film: bool) -> None:
         if value is not None and not film
     ]
     problems += [
-        Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
+        Problem(f"--{key}", "a scene has no results", remedy="omit it, or name a results file")
         for key in ("bodies", "map", "details")
         if getattr(given, key) and scene
     ]
     if given.bodies and given.map:
-        problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
+        problems.append(Problem("--map", "one figure at a time", remedy="omit --bodies or --map"))
     if given.details and (given.bodies or given.map):
-        problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
+        problems.append(Problem("--details", "this option is for the figure of the run", remedy="omit it"))
     if film and given.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
     if given.magnify is not None and not 0.0 <= given.magnify < float("inf"):

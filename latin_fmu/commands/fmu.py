@@ -183,9 +183,7 @@ def _made(given: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> li
         reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
         files |= reference.files
         took = (
-            f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)"
-            if reference.files
-            else ""
+            f" ({time.process_time() - begin:.2g} s of CPU time; --reference none omits it)" if reference.files else ""
         )
         lines.append(f"{reference.said}{took}")
     build.write_archive(target, files)
@@ -201,7 +199,7 @@ def _acting(scene: Scene) -> list[str]:
     own, sources = acting_of(scene), given_of(scene)
     given = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
     if not (own or given):
-        what, remedy = "no load acts in this FMU: every result is zero", "add a [load] to the scene"
+        what, remedy = "nothing loads or moves a body in this FMU: every result is zero", "add a [load] to the scene"
         return [f"warning: {what}; {remedy}"]
     lines = [f"FMU inputs set by the importer, start values: {listed(given)}"] if given else []
     if own:
@@ -273,9 +271,9 @@ def _contradictions(given: FmuOptions) -> Iterator[Problem]:
         if given.model_exchange and getattr(given, name):
             yield Problem(f"--{name}", "belongs to co-simulation", remedy="leave --model-exchange out")
     if given.python and given.portable:
-        yield Problem("--portable", "is a kind of compiled FMU", remedy="leave --python out")
+        yield Problem("--portable", "is a kind of compiled FMU", remedy="omit --python")
     if given.python and given.modes is not None:
-        remedy = "leave --python out, or set solver.propagator={type='reduced',modes=N}"
+        remedy = "omit --python, or set solver.propagator={type='reduced',modes=N}"
         yield Problem("--modes", "belongs to the compiled FMU", remedy=remedy)
     if given.patches is not None and not given.model_exchange:
         yield Problem("--patches", "belongs to the reduced model", remedy="add --model-exchange")

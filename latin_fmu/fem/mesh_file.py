@@ -103,7 +103,7 @@ def _no_group(content: MeshContent) -> str | None:
     """Remedy where a file names no volume."""
     if content.volumes:
         return None
-    return "leave group out to take the whole file" if content.solids else "the file holds no solid cells"
+    return "omit group to use the whole file" if content.solids else "the file holds no solid cells"
 
 
 def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
@@ -247,7 +247,7 @@ def refined(mesh: Mesh) -> Mesh:
     """
     if any(N_CORNER[kind] == 5 for kind in mesh.cell_types):
         what = "pyramids cannot be split into eight of their kind"
-        raise MeshError([Problem("refine", what, remedy="leave refine out, or mesh the part finer")], "unusable mesh")
+        raise MeshError([Problem("refine", what, remedy="omit refine, or mesh the part finer")], "unusable mesh")
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
     pieces = [(block.cell_type, block.cells) for block in mesh.blocks]
     pieces += [(block.kind, block.facets) for face in mesh.faces.values() for block in face.blocks]
