@@ -49,7 +49,7 @@ def solve(
     scene : from ``load_scene`` or built in Python.
     observer : called after every LATIN iteration with an ``Iteration``.
     progress : called with the progress of the run.
-    behaviours : laws of the caller's own (``interface.laws``), by interface, in the place of those that the scene
+    behaviours : user-defined laws (``interface.laws``), by interface, instead of those that the scene
         names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
     checkpoint : writes checkpoints, and continues from one; the run gives the same bits as an uninterrupted one.
     stream : folder of the results: its free space is checked, and where the histories of the interfaces are large

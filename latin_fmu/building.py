@@ -63,7 +63,7 @@ def build(
     Parameters
     ----------
     amplitudes : for a static start, of loads that are set from outside (their start value where left out).
-    behaviours : laws of the caller, by interface, in the place of those of the scene.
+    behaviours : user-defined laws, by interface, instead of those of the scene.
 
     Raises
     ------

@@ -353,7 +353,7 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
     for key in ("box", "mesh"):
         if given(own, key):
             what = "the mesh of this part comes from a file with several parts"
-            remedy = f"leave this key out, or the group {group!r} out of the parts of that file"
+            remedy = f"omit this key, or remove the group {group!r} from the parts of that file"
             problems.append(Problem(f"substructure.{part}.{key}", what, remedy=remedy))
     return {**default, **own, "mesh": mesh}
 
@@ -393,14 +393,14 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
         for key in _INITIAL:
             if given(bodies[name], key):
                 what = "the body starts from the state of [initial_state]"
-                remedy = f"leave one of the two out: list in initial_state.bodies all bodies but {name}, or remove it"
+                remedy = f"omit one of the two: list in initial_state.bodies all bodies but {name}, or remove it"
                 problems.append(Problem(f"substructure.{name}.{key}", what, remedy=remedy))
         if bodies[name].get("rigid") is True:
             remedy = "list the elastic bodies in initial_state.bodies, and give it initial_velocity and initial_spin"
             problems.append(Problem("initial_state", "a rigid body takes no fields", shown(name), remedy=remedy))
     if chosen_type(single_table(raw, "time"), "start") == "static" or named_tables(raw, "bolt"):
         what = "the scene starts from a static equilibrium (time.start, bolts)"
-        remedy = 'leave [initial_state] out, or set time.start = "given" in a scene without bolts'
+        remedy = 'omit [initial_state], or set time.start = "given" in a scene without bolts'
         problems.append(Problem("initial_state", what, remedy=remedy))
     fields = {} if problems else _fields_of(table, chosen, base_dir, system_named(raw.get("units")), problems)
     if problems:

@@ -427,7 +427,7 @@ class _Search:
             return True
         regular = not estimate.bound_only and estimate.order >= 0.5 * estimate.expected_order
         if not regular:
-            self.log(f"         not promised: {estimate.quantity} does not converge steadily yet")
+            self.log(f"         not confirmed: {estimate.quantity} does not converge steadily yet")
         return regular
 
     def _confirmed(self, factor: float) -> bool:

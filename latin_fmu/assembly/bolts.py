@@ -486,7 +486,7 @@ class _Section:
                 f"{_stretches(self._body, self._axis, named | {'held nodes': held})}",
                 shown(self._bolt.axis),
                 "a shank with a layer of free nodes between its ends, without interface or boundary condition",
-                "check the axis; let an interface take the threaded faces alone, not the whole shank; or refine the "
+                "check the axis; let the interface cover only the threaded faces, not the full shank; or refine the "
                 "mesh of the shank along the axis",
             )
             return None
@@ -618,7 +618,7 @@ class _Section:
                 f"{int(blocked.sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {why}",
                 shown(self._bolt.point),
                 "a cut between them",
-                "move the point along the axis, leave it out, or refine the mesh of the shank along the axis",
+                "move the point along the axis, omit it, or refine the mesh of the shank along the axis",
             )
             return False
         return True

@@ -252,7 +252,7 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
                 f"boundary.{name}",
                 "drives nodes that another condition already fixes or drives",
                 boundary.face,
-                remedy="shared edges belong to one condition: leave the component out of one of them",
+                remedy="shared edges belong to one condition: omit the component in one of them",
             )
             continue
         dofs.driver[moved] = len(dofs.motions)
@@ -384,7 +384,7 @@ def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Cond
         inclined = nodal.turned is not None and bool(np.isin(dofs, nodal.turned[2]).any())
         if taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any() or inclined:
             what = "a rigid face shares nodes with another rigid face, a driven face, an inclined or a periodic one"
-            remedy = "leave rigid out for this face: a distributing coupling may share nodes"
+            remedy = "omit rigid for this face: a distributing coupling may share nodes"
             problems.add("coupling", what, f"{body.name}.{face}", remedy=remedy)
             continue
         taken[dofs] = True

@@ -100,7 +100,7 @@ def _check_places(body: Body, supports: Conditions, time: Array, settles: bool, 
             f"moves nodes that are held by {size}, by which the elements behind them would be strained at once",
             shown(getattr(body.description, keys[0])),
             "no displacement where a boundary holds the body",
-            "leave it out, or let the displacement vanish at the held face (initial_displacement_gradient, or a field)",
+            "omit it, or let the displacement vanish at the held face (initial_displacement_gradient, or a field)",
         )
 
 
@@ -141,7 +141,7 @@ def _check_throw(body: Body, supports: Conditions, velocity: Sequence[float], pr
             f"a boundary holds {body.name}, which cannot start with the velocity of the assembly",
             shown(list(velocity)),
             "no component along what boundaries hold",
-            "leave the boundary out, or drive its face by a velocity that starts with that of the assembly",
+            "omit the boundary, or drive its face by a velocity that starts with that of the assembly",
         )
 
 

@@ -287,7 +287,7 @@ def build_interface(
             f"interface.{name}.preload",
             "a preloaded interface cannot be open",
             f"gap up to {gap.max():g} {units['m']}",
-            remedy="close the gap of the meshes, or leave the preload out",
+            remedy="close the gap of the meshes, or omit the preload",
         )
     return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure, note=opening.note)
 
@@ -313,7 +313,7 @@ def _placed(
 def with_behaviours(
     units: list[InterfaceUnit], behaviours: Mapping[str, Behaviour], problems: Problems
 ) -> list[InterfaceUnit]:
-    """Interfaces with behaviours of the caller's own, by name, in the place of those of the scene."""
+    """Interfaces with user-defined behaviours, by name, instead of those of the scene."""
     names = [unit.name for unit in units]
     allowed = ", ".join(names) or "none: no interfaces"
     problems.extend(

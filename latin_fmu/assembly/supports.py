@@ -184,7 +184,7 @@ class Directions:
                 problems.add(
                     f"boundary.{[name for _, _, name in rows if name][-1]}",
                     "drives nodes that another condition already fixes or drives",
-                    remedy="shared edges belong to one condition: leave the component out of one of them",
+                    remedy="shared edges belong to one condition: omit the component in one of them",
                 )
                 return {}
             found[node] = solution
@@ -300,7 +300,7 @@ def held_directions(name: str, boundary: Fixed | Driven | Symmetry, body: Body) 
         nodes = body.face(face).nodes
     if np.isin(nodes, body.rigid_nodes).any():
         what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
-        problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
+        problem = Problem("output.reactions", what, remedy="omit output.reactions, or rigid")
         raise SceneError([problem], "the scene cannot be built")
     directions = inclined_directions(body, boundary)
     if directions is not None:

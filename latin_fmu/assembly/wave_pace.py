@@ -98,7 +98,7 @@ def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
         else:
             more = ""
         found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
-        remedies.append(_REFINE if reason.startswith("the mesh") else "take smaller steps")
+        remedies.append(_REFINE if reason.startswith("the mesh") else "use smaller steps")
     what = "contacts shorter than the travel time of a wave through a few elements are not resolved; if they matter,"
     text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
     if found:

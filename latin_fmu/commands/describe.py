@@ -316,14 +316,14 @@ def _check_options(options: PlotOptions, film: bool) -> None:
         if value is not None and not film
     ]
     problems += [
-        Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
+        Problem(f"--{key}", "a scene has no results", remedy="omit it, or name a results file")
         for key in ("bodies", "map", "details")
         if getattr(options, key) and scene
     ]
     if options.bodies and options.map:
-        problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
+        problems.append(Problem("--map", "one figure at a time", remedy="omit --bodies or --map"))
     if options.details and (options.bodies or options.map):
-        problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
+        problems.append(Problem("--details", "this option is for the figure of the run", remedy="omit it"))
     if film and options.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
     if options.magnify is not None and not 0.0 <= options.magnify < float("inf"):

@@ -183,7 +183,7 @@ def _made(options: FmuOptions, scene: Scene, target: Path, waiting: Waiting) -> 
         reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
         files |= reference.files
         if reference.files:
-            took = f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)"
+            took = f" ({time.process_time() - begin:.2g} s of CPU time; --reference none omits it)"
         else:
             took = ""
         lines.append(f"{reference.said}{took}")
@@ -200,7 +200,7 @@ def _acting(scene: Scene) -> list[str]:
     actions, sources = acting_of(scene), given_of(scene)
     starts = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
     if not (actions or starts):
-        what, remedy = "no load acts in this FMU: every result is zero", "add a [load] to the scene"
+        what, remedy = "nothing loads or moves a body in this FMU: every result is zero", "add a [load] to the scene"
         return [f"warning: {what}; {remedy}"]
     lines = [f"FMU inputs set by the importer, start values: {listed(starts)}"] if starts else []
     if actions:
@@ -278,9 +278,9 @@ def _contradictions(options: FmuOptions) -> Iterator[Problem]:
         if options.model_exchange and getattr(options, name):
             yield Problem(f"--{name}", "belongs to co-simulation", remedy="leave --model-exchange out")
     if options.python and options.portable:
-        yield Problem("--portable", "is a kind of compiled FMU", remedy="leave --python out")
+        yield Problem("--portable", "is a kind of compiled FMU", remedy="omit --python")
     if options.python and options.modes is not None:
-        remedy = "leave --python out, or set solver.propagator={type='reduced',modes=N}"
+        remedy = "omit --python, or set solver.propagator={type='reduced',modes=N}"
         yield Problem("--modes", "belongs to the compiled FMU", remedy=remedy)
     if options.patches is not None and not options.model_exchange:
         yield Problem("--patches", "belongs to the reduced model", remedy="add --model-exchange")

@@ -338,7 +338,7 @@ def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         if unit.behaviour.opens and not unit.behaviour.compliant and gap > travel:
             yield Suggestion(
                 f"interface {unit.name}: its gap of {gap:.4g} {length} cannot close before the end (the bodies move "
-                f"less than {travel:.2g} {length}): it costs a check per instant and may be left out"
+                f"less than {travel:.2g} {length}): it costs a check per instant and can be omitted"
             )
 
 

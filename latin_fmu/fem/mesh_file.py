@@ -104,7 +104,7 @@ def _no_group(content: MeshContent) -> str | None:
     if content.volumes:
         return None
     if content.solids:
-        return "leave group out to take the whole file"
+        return "omit group to use the whole file"
     return "the file holds no solid cells"
 
 
@@ -252,7 +252,7 @@ def refined(mesh: Mesh) -> Mesh:
     """
     if any(N_CORNER[kind] == 5 for kind in mesh.cell_types):
         what = "pyramids cannot be split into eight of their kind"
-        raise MeshError([Problem("refine", what, remedy="leave refine out, or mesh the part finer")], "unusable mesh")
+        raise MeshError([Problem("refine", what, remedy="omit refine, or mesh the part finer")], "unusable mesh")
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
     pieces = [(block.cell_type, block.cells) for block in mesh.blocks]
     pieces += [(block.kind, block.facets) for face in mesh.faces.values() for block in face.blocks]

@@ -128,7 +128,7 @@ FRICTION: Final = "friction_coefficient"
 
 
 def coulomb_coefficient(behaviour: Behaviour) -> float | None:
-    """Coulomb's mu of a behaviour, of the caller's own too; 0 without friction, None where no mu P bounds the shear."""
+    """Coulomb's mu of a behaviour, also user-defined; 0 without friction, None where no mu P bounds the shear."""
     coefficient: float | None = getattr(behaviour, FRICTION, None) if getattr(behaviour, "coulomb", True) else None
     return coefficient
 

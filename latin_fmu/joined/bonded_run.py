@@ -60,8 +60,8 @@ def grouped_assembly(discretised: DiscretisedProblem, restricted: bool) -> tuple
         return None, ""
     reasons = {
         "windows of several instants are solved body by body": scene.solver.window != 1,
-        "bodies are left out while they rest": scene.solver.skip_at_rest == "tolerance",
-        "derivatives, observers, several processes and laws of the caller take the bodies one by one": restricted,
+        "bodies are omitted while they rest": scene.solver.skip_at_rest == "tolerance",
+        "derivatives, observers, several processes and user-defined laws require single bodies, one by one": restricted,
     }
     if given_reasons := [reason for reason, holds in reasons.items() if holds]:
         return None, given_reasons[0]

@@ -182,6 +182,6 @@ def check_newton(direction: Direction) -> None:
     """Refuse Newton steps by products alone, whose vectors stay in one process."""
     if direction.relative.get("krylov"):
         what = "large interfaces at long steps take Newton steps by products, which stay in one process"
-        remedy = "set it to false, take smaller steps, or run without mpiexec"
+        remedy = "set it to false, use smaller steps, or run without mpiexec"
         heading = "the run cannot be distributed over processes"
         raise InputError.of(heading, "solver.newton", what, "true", remedy=remedy)

@@ -108,7 +108,7 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
                     + f" to follow the wave (resistance of the face over rho c = {ratio:.2g}, followed within "
                     f"{WARNED[0]} ... {WARNED[1]}); a contact shorter than the passage through a few elements is "
                     "not resolved: "
-                    + ("refine the mesh there (a smaller step alone does not help)" if coarse else "take smaller steps")
+                    + ("refine the mesh there (a smaller step alone does not help)" if coarse else "use smaller steps")
                 )
     return remarks
 

@@ -98,7 +98,7 @@ class DeckScopes:
         elif card.keyword == "PRE-TENSION SECTION" and card.name("ELEMENT"):
             reason, remedy = "it preloads a beam", "mesh the bolt with solids and write [bolt.NAME] with its force"
         if reason is not None:
-            remedy += f'; ignore = ["{card.keyword}"] in the table of the mesh leaves it out'
+            remedy += f'; ignore = ["{card.keyword}"] in the table of the mesh omits it'
             what = f"*{card.keyword} is not read: {reason}"
             problem = self.problems.problem(what, None, None, remedy, card.place)
             self.content.refused.setdefault(card.keyword, problem)

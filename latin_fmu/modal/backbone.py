@@ -201,7 +201,7 @@ def _check_rest(scene: Scene, whole: DiscretisedProblem, shape: _Shape) -> None:
             f"substructure.{name}",
             "it moves at t = 0, so that the equilibrium does not hold it, and it has a part in the mode",
             ", ".join(scene.substructure[name].initial_keys) or None,
-            remedy="leave the initial motion out for the backbone",
+            remedy="omit the initial motion for the backbone",
         )
         for name in moving
     ]

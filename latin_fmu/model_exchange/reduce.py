@@ -424,7 +424,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
         Problem(
             f"substructure.{next(iter(body.members))}",
             "no node is free to move",
-            remedy="leave it out and put the others in contact with the ground",
+            remedy="omit it and put the others in contact with the ground",
         )
         for body in whole
         if not body.model.expansion.shape[1]
@@ -479,7 +479,7 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
         if not least <= value <= most:
             yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
     if scene.time.quasi_static:
-        yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
+        yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "omit it")
     for name in scene.bolt:
         remedy = "remove the bolt, or make an FMU for co-simulation (without --model-exchange)"
         yield Problem(f"bolt.{name}", "a reduced model has no bolts", None, None, remedy)

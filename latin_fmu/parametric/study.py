@@ -270,7 +270,7 @@ def _check_options(grid: Grid, jobs: int, scheduler: str | None, histories: bool
     if not 1 <= jobs <= _MOST_JOBS:
         raise InputError.of(_HEADING, "--jobs", "number of processes", str(jobs), f"1 to {_MOST_JOBS}")
     if scheduler is not None and jobs > 1:
-        what, remedy = "the workers of the scheduler solve the points", "leave --jobs or --scheduler out"
+        what, remedy = "the workers of the scheduler solve the points", "omit --jobs or --scheduler"
         raise InputError.of(_HEADING, "--jobs", what, str(jobs), remedy=remedy)
     for p in grid.parameters if histories else ():
         if p.key.startswith("time.") or p.key == "output.interfaces_every":
@@ -544,7 +544,7 @@ def _cluster(address: str) -> Iterator[list[Renew]]:
     try:
         from distributed import Client
     except ImportError:
-        what, remedy = "dask.distributed is not installed", "pip install latin-fmu[cluster], or leave the option out"
+        what, remedy = "dask.distributed is not installed", "pip install latin-fmu[cluster], or omit the option"
         raise InputError.of(_HEADING, "--scheduler", what, address, remedy=remedy) from None
     try:
         client = Client(address, timeout=_WAIT, set_as_default=False)

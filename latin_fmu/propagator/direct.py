@@ -102,7 +102,7 @@ class ConjugateGradients:
             p = z + np.divide(new, rz, out=np.zeros_like(rz), where=active & (rz > 0)) * p
             rz = new
         raise SolverError(
-            f"conjugate gradients: not converged to {self.tolerance:g} in {_MOST} iterations; take smaller steps, or "
+            f"conjugate gradients: not converged to {self.tolerance:g} in {_MOST} iterations; use smaller steps, or "
             "the direct propagator"
         )
 
@@ -134,7 +134,7 @@ class IterativeFactor:
         except la.LinAlgError:
             raise SolverError(
                 "conjugate gradients: the matrix of a step is singular to rounding errors (its inertia is lost beside "
-                "the stiffness); take smaller steps, or the direct propagator"
+                "the stiffness); use smaller steps, or the direct propagator"
             ) from None
         self.schur_inverse: Array = 0.5 * (inverse + inverse.T)
 

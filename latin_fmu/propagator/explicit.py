@@ -80,7 +80,7 @@ class ExplicitPropagator(Propagator):
         if not self.stability.allows(dt):
             raise SolverError(
                 f"explicit propagator, {', '.join(self.names)}: step {dt:.6g} s; allowed: at most "
-                f"{self.stability.longest:.6g} s, the stable one; take smaller steps, or an implicit propagator"
+                f"{self.stability.longest:.6g} s, the stable one; use smaller steps, or an implicit propagator"
             )
         super().begin(histories, dt)
 

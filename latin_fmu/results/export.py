@@ -45,7 +45,7 @@ def acceleration_unit(units: UnitSystem, in_g: bool) -> tuple[float, str]:
         return 1.0, units.label("m s-2")
     if not units.measurable:
         what = "the results have no units, so that accelerations cannot be given in g"
-        raise InputError([Problem("--g", what, 'units = "none"', "results of a scene with units", "leave it out")])
+        raise InputError([Problem("--g", what, 'units = "none"', "results of a scene with units", "omit it")])
     return units.size("m s-2") / GRAVITY, "g"
 
 

@@ -70,7 +70,7 @@ class PointMass(Place):
         if self.inertia is None:
             return self
         if self.face is None:
-            raise refusal("a point of a solid has no rotation for an inertia", remedy="use 'face', or leave it out")
+            raise refusal("a point of a solid has no rotation for an inertia", remedy="use 'face', or omit it")
         # the moments about two axes are never less than that about the third one
         if min(self.inertia) < 0 or 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-9):
             allowed = "numbers >= 0, none larger than the sum of the other two"
@@ -145,7 +145,7 @@ class Spring(SceneTable):
         if not (self.elastic or self.viscous):
             raise refusal("without stiffness and viscosity the spring does nothing", allowed="one of them > 0")
         if self.damping_ratios is not None and (self.viscous or not self.elastic):
-            raise refusal("damping ratios are those of a stiffness alone", remedy="leave the viscosities out")
+            raise refusal("damping ratios are those of a stiffness alone", remedy="omit the viscosities")
         if first.against_ground:
             raise refusal("the first end cannot be the ground", remedy="name the ground second")
         if self.direction is None and second.against_ground and second.point is None:
@@ -217,7 +217,7 @@ class CouplingTable(SceneTable):
         if len(self.ends) == 2 and all(end.face is None and not end.against_ground for end in self.ends):
             raise refusal("two points have no rotation to keep them together", remedy="use a spring, or a face")
         if self.rigid and all(end.face is None for end in self.ends):
-            raise refusal("no face that could be rigid", remedy="name a face, or leave rigid out")
+            raise refusal("no face that could be rigid", remedy="name a face, or omit rigid")
         return self
 
     def interfaces(self, name: str) -> dict[str, Interface]:
@@ -267,7 +267,7 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
         where, ends = f"{key}.{name}", table.get("ends")
         if key == "coupling" and table.get("rigid") is True and is_explicit(raw):
             what = "a rigid face has no lumped mass, which central differences need"
-            yield Problem(f"{where}.rigid", what, "true", "false", "leave rigid out, or choose an implicit scheme")
+            yield Problem(f"{where}.rigid", what, "true", "false", "omit rigid, or choose an implicit scheme")
         for i, end in enumerate(ends if isinstance(ends, list | tuple) else ()):
             place = _as_end(end)
             if isinstance(place, Mapping) and place.get("substructure") != GROUND:

@@ -305,7 +305,7 @@ def _hardening_problems(raw: Any, where: str, bolt: RawTable, body: RawTable) ->
     for key in ("strain", "nodal_stress"):
         if single_table(raw, "output").get(key) is True:
             what = "strains and stresses at nodes do not follow the plastic elongation of a bolt"
-            yield Problem(f"output.{key}", what, None, "output.stress", f"leave it out, or {where}.hardening")
+            yield Problem(f"output.{key}", what, None, "output.stress", f"omit it, or {where}.hardening")
 
 
 def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
@@ -319,7 +319,7 @@ def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
                 what = "a thread has a size in mm, numbers of no unit have none"
                 if key != "thread":
                     what = "a class has a stress in MPa, numbers of no unit have none"
-                yield Problem(f"{where}.{key}", what, shown(table[key]), 'units other than "none"', "leave it out")
+                yield Problem(f"{where}.{key}", what, shown(table[key]), 'units other than "none"', "omit it")
     elif named is not None and diameter is not None and diameter > 0.0:
         wanted = _length(raw, named.diameter)
         if abs(math.log(diameter / wanted)) > _SAME_DIAMETER:
@@ -340,7 +340,7 @@ def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
         yield Problem(f"{where}.thread.part", "no other substructure has a name like this", shown(part), listed(bodies))
     if table.get("shank") == "contact" and part is None:
         what = "the shank is in contact wherever an interface has it: without thread.part there is nothing to ask for"
-        yield Problem(f"{where}.shank", what, "contact", None, "leave it out, or name thread.part")
+        yield Problem(f"{where}.shank", what, "contact", None, "omit it, or name thread.part")
 
 
 def _size_text(thread: object) -> str:

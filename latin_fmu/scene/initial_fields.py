@@ -113,11 +113,11 @@ def field_problems(raw: Any) -> Iterator[Problem]:
         for key in _given_fields(table):
             where, value = f"substructure.{name}.{key}", shown(table[key])
             if table.get("rigid") is True:
-                remedy = "use initial_velocity, initial_spin and initial_displacement, or leave rigid out"
+                remedy = "use initial_velocity, initial_spin and initial_displacement, or omit rigid"
                 yield Problem(where, "a rigid body does not deform", value, "a uniform motion and a spin", remedy)
             elif time.get("quasi_static") is True:
                 what = "without inertia every step is an equilibrium, whatever the motion at t = 0"
-                yield Problem(where, what, value, None, "remove it, or leave quasi_static out")
+                yield Problem(where, what, value, None, "remove it, or omit quasi_static")
             elif key in DISPLACEMENT_FIELDS and static:
                 what = "the displacements at t = 0 are those of the static equilibrium that the scene starts from"
                 yield Problem(

@@ -108,7 +108,7 @@ class MaterialTable(SceneTable):
             )
         if self.frame is not None and self.damping_ratios is None and not self.rayleigh_mass:
             raise refusal(
-                "frame has no effect without rayleigh_mass or damping_ratios", value=self.frame, remedy="leave it out"
+                "frame has no effect without rayleigh_mass or damping_ratios", value=self.frame, remedy="omit it"
             )
         return self
 

@@ -80,7 +80,7 @@ class Port(SceneTable):
     def _check_port(self) -> Self:
         n, given = len(self.components), self.impedance
         if self.causality != "wave" and given is not None:
-            remedy = 'leave impedance out, or set causality = "wave"'
+            remedy = 'omit impedance, or set causality = "wave"'
             raise refusal(f"a port of causality {self.causality} has no impedance", value=list(given), remedy=remedy)
         if self.causality == "wave" and (given is None or len(given) != n):
             value = None if given is None else list(given)
@@ -144,11 +144,11 @@ def port_problems(raw: Any) -> Iterator[Problem]:
 def _wave_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
     if single_table(raw, "time").get("quasi_static") is True:
         what, remedy = "a wave acts on velocities: not with quasi_static = true", 'choose "force_in" or "motion_in"'
-        yield Problem(f"{where}.causality", what, "wave", remedy=f"{remedy}, or leave quasi_static out")
+        yield Problem(f"{where}.causality", what, "wave", remedy=f"{remedy}, or omit quasi_static")
     turned = [c for c in text_list(table.get("components")) if c not in TRANSLATIONS]
     if turned and is_explicit(raw):
         what = "dashpots of rotations couple the nodes of the face, which central differences cannot march"
-        remedy = "leave the rotations out, or choose an implicit time scheme"
+        remedy = "omit the rotations, or choose an implicit time scheme"
         yield Problem(f"{where}.components", what, shown(turned), "x, y, z", remedy)
 
 

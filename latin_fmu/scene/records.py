@@ -160,7 +160,7 @@ def read_history(base_dir: Path, name: str, time_column: Column | None, column: 
     if is_universal(base_dir, name):
         if time_column is not None:
             what = "the functions of a universal file have their times with them"
-            raise refusal(what, value=time_column, remedy="leave time_column out, and name the function by column")
+            raise refusal(what, value=time_column, remedy="omit time_column, and name the function by column")
         f = universal_history(base_dir, name, column)
         along = ColumnHead(f.number, "time", f.time_unit, named_unit(f.time_unit, True))
         return History(f.times, f.values, along, ColumnHead(f.number, f.name, f.unit, named_unit(f.unit, False)))
@@ -209,7 +209,7 @@ def _time_unit(named: Any, head: ColumnHead) -> Any:
         return head.known
     if isinstance(named, str) and head.known is not None and named_unit(named, True) not in (None, head.known):
         what = f"the header gives the times in {head.known}"
-        remedy = "leave time_unit out, or write the factor to s where the header is wrong"
+        remedy = "omit time_unit, or write the factor to s where the header is wrong"
         raise refusal(what, value=f'time_unit = "{named}"', remedy=remedy)
     return named
 

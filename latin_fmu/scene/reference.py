@@ -21,7 +21,7 @@ that only has a type: law = "constant". A key that is not listed here is an erro
 reported at once. Settings on the command line follow the same path:
 --set solver.tolerance=1e-4 or --set substructure.bar.box.elements.2=100.
 
-Units are SI as stated with each key; a key without one has no dimension. A text is a value with its unit:
+Units are SI as stated with each key; a key without one has no dimension. A string is a value with its unit:
 mass = "100 g", duration = "6 ms", torque = "5.5 N m" or "44 lbf in", force = [0, 0, "-2 kN"],
 acceleration = [0, 0, "-1 g"]; it is converted into the units of the scene, also in [spread], with --set and
 --vary, and in Python. A product is written with blanks or dots, powers behind names, brackets where several
@@ -29,10 +29,10 @@ names stand behind a stroke: "7.8 g/cm3", "3 N s/m", "5 kN/(m s)". g is the acce
 by the unit of the key; "5 %" is a pure number.
 
 units = "mm-t-s-MPa" or "in-lbf-s-psi" says that all numbers of the scene are in another system: nothing is
-converted but texts with units and files whose unit is named beside them; results, messages and figures have
+converted except strings with units and files with a stated unit; results, messages and figures have
 its units, and checks of plausible numbers are scaled. Read mm for m, t for kg, MPa for Pa, mJ for J there,
-or in, lbf s2/in, lbf, psi. units = "none" is for pure numbers, as in papers: no labels, no remarks on sizes,
-gaps and strains, no texts with units; times are in s."""
+or in, lbf s2/in, lbf, psi. units = "none" is for pure numbers, as in papers: no labels, no warnings on sizes,
+gaps and strains, no strings with units; times are in s."""
 
 CONVENTIONS = """\
 Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
@@ -48,7 +48,7 @@ Meshes         Nodes of the two faces that stand opposite each other one to one 
                softer, of the smaller body; E where all are alike, which is said), over the part that the faces have
                in common, and the other side takes part through integrals over it (mortar). Faces may be curved and
                closed. Points with hardly any common area are merged into their neighbours.
-Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
+Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes if omitted or
                "measured", between curved facets of quadratic elements as they are curved; what is below their
                distance from a smooth face touches, and latin-fmu check names it. A number counts, whatever the
                distance of the meshes, which is said where it is another; "closed" is no gap. Flat facets of round
@@ -89,7 +89,7 @@ Yielding       Below yield_stress of its material times its stress area (of its 
                bending does not count. Not in FMUs and sessions.
 Temperature    A change of temperature strains a free body by alpha times it. The vector of nodal forces is constant and
                the law scales it, in statics, a static start (the default with temperatures) and dynamics. Bolts are
-               tightened before it acts: their tension follows from the unlike expansions of bolt and parts. Stresses
+               tightened before it acts: their tension follows from the different expansions of bolt and parts. Stresses
                are those of what is hindered; strains are total, and so is the elastic energy, of which the load of a
                free expansion does the work. Moduli do not depend on temperature.
 Thread         thread = {size = "M5", part = "base", length = 8e-3} bonds shank and hole of a screw from the mouth

@@ -199,7 +199,7 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
         for key in ("filter", "spectrum"):
             if given(table, key):
                 what = "a quasi-static run has no acceleration, and its time only orders the increments of load"
-                yield Problem(f"{where}.{key}", what, None, None, "remove it, or leave quasi_static out")
+                yield Problem(f"{where}.{key}", what, None, None, "remove it, or omit quasi_static")
         return
     end = number(time, "end")
     step = number(time, "step")

@@ -69,9 +69,9 @@ class GeneralizedAlphaTable(SceneTable):
     landing_damping: Annotated[
         Real,
         about(
-            "viscosity of the layer of elements at faces that land, per height over wave speed, a fifth of it at faces "
-            "closed from the start: 0.6 for a clean "
-            "contact force (loses about h/L of the energy per impact), 0 for energy and long runs",
+            "impact damping: viscosity of the element layer at impacting faces, per height over wave speed, a fifth of "
+            "it at initially closed faces: 0.6 for a smooth contact force (dissipates about h/L of the energy per "
+            "impact), 0 to preserve energy and for long runs",
             "1",
             ge=0,
             le=2,
@@ -545,7 +545,7 @@ def settings_problems(raw: Any) -> Iterator[Problem]:
 def _output_problems(output: RawTable, units: object) -> Iterator[Problem]:
     if output.get("acceleration") == "g" and units == "none":
         what = "the numbers of the scene have no units, so that accelerations cannot be shown in g"
-        yield Problem("output.acceleration", what, "g", '"scene"', "leave it out")
+        yield Problem("output.acceleration", what, "g", '"scene"', "omit it")
     every = number(output, "interfaces_every")
     if output.get("energy") is True and every is not None and every > 1:
         yield Problem(
@@ -685,11 +685,11 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
         return
     scheme = time.get("scheme")
     if scheme is not None and chosen_type(time, "scheme") != "automatic":  # but for the default
-        yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
+        yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "omit the scheme")
     start = time.get("start")
     requested = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
     if requested and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
-        yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
+        yield _refused("time.start", "every step is an equilibrium already", start, "omit the start")
     motion = single_table(raw, "motion")
     if moves(motion.get("velocity")):
         yield _refused("motion.velocity", "a velocity needs inertia", motion["velocity"], "remove it")
@@ -736,5 +736,5 @@ def _solver_problems(solver: RawTable) -> Iterator[Problem]:
 
 def _refused(where: str, what: str, value: object, remedy: str) -> Problem:
     return Problem(
-        where, f"{what}: not with quasi_static = true", shown(value), None, f"{remedy}, or leave quasi_static out"
+        where, f"{what}: not with quasi_static = true", shown(value), None, f"{remedy}, or omit quasi_static"
     )

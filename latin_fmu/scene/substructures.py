@@ -305,7 +305,7 @@ def _modal_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
         yield Problem(f"{where}.modal_damping", "a rigid body has no elastic modes", None, None, "remove it")
     if single_table(raw, "time").get("quasi_static") is True:
         what = "damping acts on rates: not with quasi_static = true"
-        yield Problem(f"{where}.modal_damping", what, None, None, "remove it, or leave quasi_static out")
+        yield Problem(f"{where}.modal_damping", what, None, None, "remove it, or omit quasi_static")
     if is_explicit(raw):
         what, remedy = "explicit steps know no modes", "damp the material by rayleigh_mass, or choose another scheme"
         yield Problem(f"{where}.modal_damping", what, None, "an implicit time scheme", remedy)
@@ -318,7 +318,7 @@ def _modal_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
         yield Problem(f"{where}.modal_damping", what, None, "a frequency [Hz]", remedy)
     if (form := chosen_type(solver, "interface_operator")) in ("exact", "sparse"):
         what = "modal damping joins all points of an interface, so that it has a dense matrix"
-        yield Problem("solver.interface_operator", what, shown(form), "automatic, dense", "leave it out")
+        yield Problem("solver.interface_operator", what, shown(form), "automatic, dense", "omit it")
 
 
 def _is_file(base_dir: Path, name: str) -> bool:
@@ -338,7 +338,7 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
             where = f"temperature.{name}.substructures[{i}]"
             yield from reference_problems(raw, where, "substructure", body) if body != ALL else ()
             if bodies.get(body, {}).get("rigid") is True:
-                yield Problem(where, "a rigid body does not expand", body, "elastic substructures", "leave it out")
+                yield Problem(where, "a rigid body does not expand", body, "elastic substructures", "omit it")
         if chosen_type(table, "law") == "input":
             yield Problem(
                 f"temperature.{name}.law",

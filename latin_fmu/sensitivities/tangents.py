@@ -68,7 +68,7 @@ def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
     """Refuse runs whose derivatives are not known. Raises SceneError."""
     scene, solver = problem.scene, problem.scene.solver
     refused = {
-        "on several processes, or with laws of the caller": elsewhere,
+        "on several processes, or with user-defined laws": elsewhere,
         "with output.interfaces_every above 1": scene.output.interfaces_every > 1,
         "with windows of several instants": solver.window != 1 and problem.scene.time.n_step > 1,
         "with an explicit scheme": problem.scheme.explicit,
@@ -140,7 +140,7 @@ def _changed(scene: Scene, problem: DiscretisedProblem) -> DiscretisedProblem:
 
 
 def _refused(name: str, reason: str) -> SceneError:
-    remedy = "derivatives are known by friction, gaps, bolts, loads, motions, initial values, materials; leave it out"
+    remedy = "derivatives are known by friction, gaps, bolts, loads, motions, initial values, materials; omit it"
     return SceneError([Problem("output.sensitivities", reason, name, None, remedy)], "the scene cannot be built")
 
 

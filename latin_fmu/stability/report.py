@@ -85,7 +85,7 @@ def verdict(rows: Sequence[CaseResult], left_out: int = 0) -> str:
     failed = [row.case + ", a known fault" * row.known_fault for row in rows if not row.passed]
     seconds = sum(row.seconds for row in rows)
     sentence = f"{len(rows) - len(failed)} of {len(rows)} hard cases hold ({seconds:.0f} s)"
-    sentence += f"; stopped by the limit of CPU time: {left_out} cases left out" * bool(left_out)
+    sentence += f"; stopped by the limit of CPU time: {left_out} cases omitted" * bool(left_out)
     return sentence + (f"; failed: {'; '.join(failed)}" if failed else "")
 
 

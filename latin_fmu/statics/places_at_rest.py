@@ -103,9 +103,7 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     names = [n for n, part in where.items() if np.abs(motions[n].nodal @ apart[part]).max(initial=0.0) > _MOVES]
     if not names:
         return moved
-    said = (
-        f"substructure {', '.join(names)}: only contacts without pressure support it at t = 0: of the places without "
-    )
+    said = f"substructure {', '.join(names)}: only contacts without pressure support it at t = 0: of places without "
     said += "overlap the static start uses the one with the least displacement (mean over the mass)"
     return replace(moved, remarks=(*state.remarks, Remark("free", said)))
 

@@ -92,7 +92,7 @@ def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path
     assert "--modes" not in capsys.readouterr().err
     monkeypatch.setattr(commands, "_LARGE", 1e6)
     assert cli.main(["fmu", str(MODELS / "stacked_blocks" / "n02.toml"), "-o", str(target)]) == 0
-    told = re.search(r"take about ([\d.]+) MB in the FMU .* --modes 20", capsys.readouterr().err)
+    told = re.search(r"need about ([\d.]+) MB in the FMU .* --modes 20", capsys.readouterr().err)
     assert told is not None
     size = zipfile.ZipFile(target).getinfo("resources/image.bin").file_size
     assert 0.5 * size < 1e6 * float(told[1]) < 2.0 * size
@@ -116,7 +116,7 @@ def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, cap
         (unmoved, ["the FMU stays at rest"], ["--start", "load.press.value=0.1"], ""),
         (unmoved, ["the FMU stays at rest"], ["--start", "mode=1"], nothing),
         (unmoved, ["the FMU stays at rest"], ["--start", "mode=1", "--start", "historyFile=time,press;0,0;1e-6,1"], ""),
-        (["load={}"], ["warning: no load acts in this FMU"], [], "no load acts in this FMU"),
+        (["load={}"], ["warning: nothing loads or moves a body in this FMU"], [], "nothing loads or moves a body"),
     ):
         changes = [word for setting in settings for word in ("--set", setting)]
         made = ["fmu", str(scene_file), "-o", str(target), "--reference", "none", *python, *changes]

@@ -351,7 +351,7 @@ def test_two_processes_give_the_bits_of_one() -> None:
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [({"jobs": 0}, "1 to 1024"), ({"jobs": 2, "scheduler": "tcp://127.0.0.1:1"}, "leave --jobs or --scheduler out")],
+    [({"jobs": 0}, "1 to 1024"), ({"jobs": 2, "scheduler": "tcp://127.0.0.1:1"}, "omit --jobs or --scheduler")],
 )
 def test_bad_options_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):

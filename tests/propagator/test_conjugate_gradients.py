@@ -62,5 +62,5 @@ def test_a_singular_matrix_is_named_with_a_remedy() -> None:
     chain = sp.csr_array(
         sp.diags_array([np.r_[1.0, np.full(8, 2.0), 1.0], -np.ones(9), -np.ones(9)], offsets=[0, 1, -1])
     )
-    with pytest.raises(SolverError, match=r"singular to rounding errors .* take smaller steps"):
+    with pytest.raises(SolverError, match=r"singular to rounding errors .* use smaller steps"):
         IterativeFactor(chain, np.array([0, 9]))

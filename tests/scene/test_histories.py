@@ -377,7 +377,7 @@ def test_functions_of_a_universal_file_are_named(tmp_path: Path) -> None:
         assert found["integral"] == pytest.approx(CHANGE, rel=1e-3)
     assert "no such function of time" in refused(tmp_path, content, column=3)
     assert "no function of time of this name" in refused(tmp_path, content, column="base y")
-    assert "leave time_column out" in refused(tmp_path, content, column=2, time_column=1)
+    assert "omit time_column" in refused(tmp_path, content, column=2, time_column=1)
     assert "no function of time" in refused(tmp_path, response)
     broken = dataset_58("base z", 3, VALUES).replace("E-01", "Q-01")
     assert "damaged" in refused(tmp_path, broken, value_unit="g")

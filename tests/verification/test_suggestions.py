@@ -41,7 +41,7 @@ def test_suggestions_of_shipped_models_are_accepted_and_keep_their_word(name: st
     made = suggestions(name)
     plain = forces(solved(f"{name}/scene")) if made else np.zeros(0)
     for suggestion in made:
-        assert suggestion.settings or "may be left out" in suggestion.what
+        assert suggestion.settings or "can be omitted" in suggestion.what
         assert suggestion.factor is None or suggestion.factor < 0.95
         changed = latin_fmu.solve(model(name, suggestion.settings))
         assert changed.converged, changed.status

@@ -476,8 +476,8 @@ int initialize(Instance *c)
     o->opened = status == OK;
     /* Python has said so of the scene */
     if (o->opened && o->maker == NULL && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
-        msg(c, WARNING, "no load acts in this FMU, and it has no inputs: every result is zero; export a scene with a load, an "
-            "initial velocity or a driven boundary");
+        msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; export a "
+            "scene with a load, an initial velocity or a driven boundary");
     return status;
 }
 
