@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 import latin_fmu
-from latin_fmu.api import run
 from latin_fmu.building import discretise
+from latin_fmu.march import march
 from latin_fmu.scene.schema import Scene
 from latin_fmu.statics.statics import tightened
 
@@ -86,7 +86,7 @@ def ring_downs(scene: Scene, forces: Sequence[float]) -> list[RingDown]:
         data["load"]["hammer"]["force"] = [0.0, 0.0, force]
         discretised = discretise(latin_fmu.scene_from_dict(data, scene.base_dir))
         state = tightened(discretised, {}) if state is None else state
-        outcome = run(discretised.build(state))
+        outcome = march(discretised.build(state)).outcome
         if not outcome.converged:
             raise ValueError(outcome.status)
         left, right, middle = (outcome.sensors[name].displacement[:, 2] for name in ("left", "right", "middle"))

@@ -196,9 +196,9 @@ def tables(deck: Path, instants: int, solver: dict[str, Any]) -> dict[str, Any]:
 def measured(size: float, instants: int, solver: dict[str, Any], profile: bool) -> dict[str, float]:
     """Seconds of the processor of every step, peak memory, bytes, and numbers of the run, in this process."""
     import latin_fmu
-    from latin_fmu.api import run
     from latin_fmu.building import discretise
     from latin_fmu.latin.outcome import Timings
+    from latin_fmu.march import march
     from latin_fmu.statics.starts import starting_equilibrium
 
     found: dict[str, float] = {}
@@ -227,7 +227,7 @@ def measured(size: float, instants: int, solver: dict[str, Any], profile: bool) 
         found["wall"] = time.perf_counter() - wall
         profiler.disable()
     found["peak set-up"] = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    outcome = run(problem, Timings())
+    outcome = march(problem, timings=Timings()).outcome
     found["set-up of the run"] = outcome.timings.setup
     found["instant"] = outcome.timings.march / instants
     found["peak"] = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -25,10 +25,10 @@ from scipy.optimize import nnls
 from threadpoolctl import threadpool_limits
 
 import latin_fmu
-from latin_fmu.api import run
 from latin_fmu.building import discretise, solver_ready
 from latin_fmu.effects.cost import OPERATIONS, Prediction, RunSize, march_counts, operator_counts
 from latin_fmu.effects.explanation import explain
+from latin_fmu.march import march as march_problem
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine
 
 FACTOR = 2.0  # aimed at for totals
@@ -151,7 +151,7 @@ def measured(scenes: Mapping[str, latin_fmu.Scene], rounds: int) -> dict[str, Me
                 start = clock.process_time()
                 built = solver_ready(ready, {})
                 middle = clock.process_time()
-                outcome = run(built)
+                outcome = march_problem(built).outcome
                 times[name].append((middle - start, clock.process_time() - middle))
                 seconds = (median(part) for part in zip(*times[name][-rounds:], strict=True))
                 iterations = float(np.mean([w.iterations for w in outcome.windows]))

@@ -33,10 +33,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 import latin_fmu
-from latin_fmu.api import run
 from latin_fmu.building import discretise, solver_ready
 from latin_fmu.latin.outcome import Outcome, Timings
 from latin_fmu.machine import one_thread
+from latin_fmu.march import march as march_problem
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine
 
 CASES = ((24, 2), (40, 2), (70, 2), (40, 6))
@@ -106,7 +106,7 @@ def solved(scene: latin_fmu.Scene) -> Outcome:
         ready = discretise(scene)
         begin = time.process_time()
         problem = solver_ready(ready, {})
-    return run(problem, Timings(setup=time.process_time() - begin))
+    return march_problem(problem, timings=Timings(setup=time.process_time() - begin)).outcome
 
 
 def measured(m: int, h: int, form: str) -> Cost:

@@ -50,8 +50,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from latin_fmu.api import run
 from latin_fmu.assembly.problem import DiscretisedProblem
+from latin_fmu.march import march
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "direct": OWN,
@@ -139,7 +139,7 @@ def work(name: str, ready: DiscretisedProblem) -> Callable[[], object]:
     if not name.startswith("reduced"):
         return lambda: contact_run(ready)
     built = ready.build()
-    run(built)
+    march(built)
     return lambda: second_run(ready, built)
 
 

@@ -36,9 +36,9 @@ from harness import OWN, Case, bars, contact_run, cpu, crushing, prepared, tower
 from threadpoolctl import threadpool_limits
 
 import latin_fmu
-from latin_fmu.api import run
 from latin_fmu.latin import run_state
 from latin_fmu.latin.outcome import Outcome
+from latin_fmu.march import march as march_problem
 
 PARTS = ("march", "blocks", "set-up", "reduced", "lid", "first")
 ROUNDS = 15
@@ -177,13 +177,13 @@ def set_up(case: Case) -> tuple[float, float, float]:
     """CPU seconds of the lay-out of the image of a run, of all beside the march, and of the march; the operators are
     those of a run before."""
     built = prepared(case, OWN).build()
-    run(built)
+    march_problem(built)
     for propagator in built.assembly.propagators:
         propagator.restart()
     built.timeline.begin(built.assembly, built.assembly.time, {}, built.assembly.ground.start)
     watch, found = Watch(run_state, "make_image"), list[Outcome]()
     with watch.patch:
-        whole = cpu(lambda: found.append(run(built)))
+        whole = cpu(lambda: found.append(march_problem(built).outcome))
     march = found[0].timings.march
     return watch.seconds, whole - march, march
 

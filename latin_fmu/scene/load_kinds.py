@@ -131,7 +131,7 @@ class PressureLoad(LoadKind):
         """A pressure has no axes."""
         if given(table, "pressure") and given(table, "axes"):
             what = "a pressure acts along the normal"
-            yield Problem(f"{where}.axes", what, None, "with 'traction' or 'force'", "leave the axes out")
+            yield Problem(f"{where}.axes", what, None, "with 'traction' or 'force'", "omit the axes")
 
     def nodal_forces(self, face: LoadedFace, /) -> Array:
         """Against the outward normals."""
