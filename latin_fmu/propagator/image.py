@@ -54,10 +54,11 @@ def _placed(fields: Mapping[str, Any], block: BlockLayout) -> Fields:
     placed: Fields = {}
     for name, value in fields.items():
         if isinstance(value, np.ndarray):
+            kind: type[np.generic] = np.float64
             if value.dtype == np.float32:
                 kind = np.float32
-            else:
-                kind = np.int64 if value.dtype.kind in "iub" else np.float64
+            elif value.dtype.kind in "iub":
+                kind = np.int64
             placed[name] = block.put(value, kind)
         elif sp.issparse(value):
             class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
