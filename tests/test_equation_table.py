@@ -72,8 +72,8 @@ MUTATIONS = {
     ),
     "pressure of the law halved": (
         "laws.contact",
-        "pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if",
-        "pressure = 0.5 * max(0.0, -(jump[0] + reach[0])) / z[0] if",
+        "pressure = max(0.0, -(point.jump[0] + point.reach[0])) / point.z[0] if",
+        "pressure = 0.5 * max(0.0, -(point.jump[0] + point.reach[0])) / point.z[0] if",
     ),
     "sign of K u": (
         "kernels.substructure",

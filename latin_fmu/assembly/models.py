@@ -27,6 +27,7 @@ from ..propagator.model import share_operators
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import Scene
+from ..scene.schema import straining as straining_loads
 from ..scene.settings import AutomaticScheme, ModalPropagatorTable, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, MaxwellBranches, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
@@ -331,7 +332,7 @@ def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit
         crossing = min(crossing, _PART * bodies[name].mesh.size / bodies[name].shape.fast_elasticity.bar_speed)
     static = scene.time.start.type == "static"
     # what moves a body as a whole acts in all points at once
-    at_once = {load.name for load in scene.body_loads} - scene.straining
+    at_once = {load.name for load in scene.body_loads} - straining_loads(scene)
     for name, law in scene.force_laws.items():
         if name in at_once:
             continue

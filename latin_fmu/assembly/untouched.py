@@ -38,6 +38,7 @@ from ..scene.boundaries import Driven, Fixed, Symmetry
 from ..scene.fields import split_face
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
+from ..scene.schema import straining as straining_loads
 from .body import Body, body_sides
 from .loaded_faces import BodyFace
 
@@ -167,7 +168,7 @@ def never_touched(
     """
     output, time = scene.output, scene.time
     stored = output.keeps_fields or output.stress or output.recovers or output.reactions
-    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or scene.straining:
+    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or straining_loads(scene):
         return frozenset()
     if stored or output.interfaces_every > 1 or scene.bolt or scene.solver.skip_at_rest == "off":
         return frozenset()

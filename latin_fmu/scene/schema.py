@@ -366,11 +366,6 @@ class Scene(SceneTable):
         return [load for load in body_loads_of(self) if load.kind.acts(load.table)]
 
     @property
-    def straining(self) -> frozenset[str]:
-        """Names of loads that strain free bodies and move none."""
-        return frozenset(load.name for load in self.body_loads if load.kind.strains)
-
-    @property
     def standing(self) -> list[str]:
         """What loads or moves bodies beside laws over time, in words."""
         made = [f"bolt {name}" for name in self.bolt]
@@ -463,3 +458,8 @@ def with_settings(data: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
     SceneError : with every setting that cannot be applied.
     """
     return apply_overrides(data, settings, NAMED)
+
+
+def straining(scene: Scene) -> frozenset[str]:
+    """Names of loads that strain free bodies and move none."""
+    return frozenset(load.name for load in scene.body_loads if load.kind.strains)

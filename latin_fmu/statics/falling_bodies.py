@@ -33,6 +33,7 @@ from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import with_load
 from ..scene.schema import Scene
+from ..scene.schema import straining as straining_loads
 from .free_bodies import BALANCED, FreeGroup, free_groups, ways_of
 
 
@@ -222,7 +223,7 @@ def _inertia(
     work: dict[str, Array] = {}
     for name, model in members.items():
         for load in model.loads:
-            if load.name and load.name in problem.scene.force_laws and load.name not in problem.scene.straining:
+            if load.name and load.name in problem.scene.force_laws and load.name not in straining_loads(problem.scene):
                 part = motions[name].T @ load.pattern
                 work[load.name] = part if load.name not in work else work[load.name] + part
     accelerations = {load: np.asarray(la.solve(inertia, f, assume_a="pos")) for load, f in work.items()}

@@ -49,6 +49,7 @@ from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
+from ..scene.schema import straining as straining_loads
 
 HELD = 1e-10
 """A rigid motion with less relative motion at interfaces than this (squared) is free."""
@@ -118,7 +119,7 @@ class LimitLoad:
             motions = np.eye(conditions.expansion.shape[0])[:, : conditions.expansion.shape[1]]
         histories = self._problem.timeline.histories(member, self._problem.time)
         for load, amplitude in zip(member.loads, histories.amplitudes, strict=True):
-            if load.name in self._problem.scene.straining:  # it moves no rigid body, but for round-off
+            if load.name in straining_loads(self._problem.scene):  # it moves no rigid body, but for round-off
                 continue
             self.path[1:, self.where[member.name]] += np.outer(amplitude[1:], load.pattern @ motions)
             # loads that start from zero can be named as shares of their amplitudes

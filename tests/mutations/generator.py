@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-FOLDERS = ("kernels", "laws", "interface", "time_scheme", "propagator", "assembly")
+FOLDERS = ("kernels", "laws", "interface", "time_scheme", "propagator", "assembly", "joined", "statics", "checks")
 KINDS = ("arithmetic", "term", "operands", "comparison", "constant", "index")
 _SWAPPED: dict[type, type] = {
     ast.Add: ast.Sub,

@@ -190,7 +190,7 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "another suffix": (["run", "SCENE", "-o", "out.csv"], ["out.csv", "netCDF", "not as .csv", "plot"]),
     "a figure of another format": (["plot", "SCENE", "-o", "out.csv"], ["out.csv", ".png"]),
     "output onto a device": (["run", "SCENE", "-o", "/dev/null"], ["device", "e.g. out.nc"]),
-    "model copied twice": (["demo", "impact_bar"], ["impact_bar", "there already", "rename"]),
+    "model copied twice": (["demo", "impact_bar"], ["impact_bar", "already exists", "rename"]),
     "setting without a value": (["check", "SCENE", "--set", "solver.tolerance"], ["--set", "name.key=value"]),
     "setting with a comma": (["check", "SCENE", "--set", "solver.tolerance=1e-4,5"], ["tolerance", "1e-4,5"]),
     "setting that leaves the list open": (

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu import api
+from latin_fmu import march
 from latin_fmu.effects.explanation import explain
 from latin_fmu.stability.scenes import Box, Material, placed
 
@@ -393,8 +393,8 @@ def test_an_impact_is_told_of_thinned_histories_and_on_a_rigid_body(
         found = re.search(r"closes by an impact at (\S+) s \(100 % of it", text)
         assert found is not None, text
         told.append(float(found[1]))
-        monkeypatch.setattr(api, "STREAMED", 0.0)
-        monkeypatch.setattr(api, "IN_MEMORY", 60)
+        monkeypatch.setattr(march, "STREAMED", 0.0)
+        monkeypatch.setattr(march, "IN_MEMORY", 60)
     assert solution.outcome.stream is not None
     solution.outcome.stream.close()
     assert solution.outcome.interfaces_every == 11

@@ -12,12 +12,12 @@ import pytest
 from scipy.optimize import linprog
 
 import latin_fmu
-from latin_fmu import attempts
 from latin_fmu.assembly.body import body_sides
 from latin_fmu.building import build, discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.assembly import NoEquilibrium
 from latin_fmu.reader import load_scene
+from latin_fmu.statics import free_bodies
 from latin_fmu.statics.free_bodies import LimitLoad, loss_of_equilibrium
 from tests.scenes import ramp
 
@@ -75,7 +75,7 @@ def test_a_block_that_its_weight_moves() -> None:
 @pytest.mark.slow
 def test_bisection_by_runs_finds_the_same_share(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the linear program: equilibria converge up to 0.05 % below the share, none 0.05 % above."""
-    monkeypatch.setattr(attempts, "loss_of_equilibrium", lambda _: None)
+    monkeypatch.setattr(free_bodies, "loss_of_equilibrium", lambda _: None)
     share = slipping(2e6)
     for factor, held in ((0.99, True), (0.9995, True), (1.0005, False), (1.01, False)):
         made = inclined(2e6 * share * factor, steps=4)
@@ -178,7 +178,7 @@ def test_random_stacks_end_where_runs_without_the_program_end(
     seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No run goes beyond the loss; nine in ten end right before it, and converge to the end where there is none."""
-    monkeypatch.setattr(attempts, "loss_of_equilibrium", lambda _: None)
+    monkeypatch.setattr(free_bodies, "loss_of_equilibrium", lambda _: None)
     ends = []
     for seed in seeds:
         made = random_stack(seed)

@@ -210,7 +210,7 @@ def test_schemes_of_second_order_polynomials(angle: float) -> None:
     turned = np.arccos(trace / (2 * size))
     assert zeta == pytest.approx(-np.log(size) / np.hypot(np.log(size), turned), rel=1e-9)
     assert abs(scheme_damping(CentralDifference(), 3.0, angle / 3.0)) < 1e-14
-    assert abs(scheme_damping(Newmark(), 3.0, angle / 3.0)) < 1e-14
+    assert abs(scheme_damping(Newmark(), 3.0, angle / 3.0)) < 1e-13  # round-off over the angle
 
 
 def test_a_damped_oscillator_keeps_its_damping_at_small_steps() -> None:
