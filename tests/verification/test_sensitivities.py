@@ -654,7 +654,7 @@ def test_a_peak_that_another_one_overtakes_is_flagged() -> None:
     """Two peaks of 1 and 0.99: by 5 % of a parameter that raises the second by its own height it is the larger one."""
     overtaken = [{"largest_bolt_force": peak} for peak in (1.0, 1.0, 0.99 * 1.05)]
     raised = [{"largest_bolt_force": peak} for peak in (1.0 + 1e-6, 1.0 - 1e-6, 1.05)]
-    bolt = SimpleNamespace(force=np.array([0.0, 1.0, 0.99]))
+    bolt = SimpleNamespace(tension=SimpleNamespace(values=np.array([[0.0], [1.0], [0.99]])))
     owner = sensitivities._Owner("joint", bolt, [bolt, bolt], [overtaken, raised])
     q = next(q for row, q in owner.quantities("bolt") if row.key == "largest_bolt_force")
     assert q.flagged.tolist() == [True, False]
