@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -648,16 +647,6 @@ def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
     solution = latin_fmu.solve(scene.replace("output.sensitivities", ["material.steel.poisson_ratio"]))
     assert not any(solution.sensitivities.is_secant(q).any() for q in solution.sensitivities.quantities)
     assert any("poisson_ratio are not checked" in str(w) for w in solution.outcome.warnings)
-
-
-def test_a_peak_that_another_one_overtakes_is_flagged() -> None:
-    """Two peaks of 1 and 0.99: by 5 % of a parameter that raises the second by its own height it is the larger one."""
-    overtaken = [{"largest_bolt_force": peak} for peak in (1.0, 1.0, 0.99 * 1.05)]
-    raised = [{"largest_bolt_force": peak} for peak in (1.0 + 1e-6, 1.0 - 1e-6, 1.05)]
-    bolt = SimpleNamespace(tension=SimpleNamespace(values=np.array([[0.0], [1.0], [0.99]])))
-    owner = sensitivities._Owner("joint", bolt, [bolt, bolt], [overtaken, raised])
-    q = next(q for row, q in owner.quantities("bolt") if row.key == "largest_bolt_force")
-    assert q.flagged.tolist() == [True, False]
 
 
 def test_progress_of_derivatives_goes_to_the_last_instant() -> None:
