@@ -267,7 +267,7 @@ REFUSED = {
     ("--set", "interface.i0.friction_coefficient=-1"): "interface.i0.friction_coefficient",
     ("--set", "solver.threads=2"): "solver.threads: threads and processes cannot be combined",
     ("--set", "solver.skip_at_rest=tolerance"): "solver.skip_at_rest: substructures of a class are skipped at rest",
-    ("--checkpoint", "10"): "--checkpoint: takes one process; run it without mpiexec",
+    ("--checkpoint", "10"): "--checkpoint: requires a single process; run it without mpiexec",
     ("-o", "nowhere/out.nc"): "the folder does not exist",
 }
 
