@@ -34,7 +34,7 @@ LARGEST: Final = 1500
 _ROUNDS: Final = 40
 # of a round
 _ITERATIONS = 150
-_DEPTH = 8
+_DEPTHS: Final = (8, 5, 12)  # of the acceleration, in turn where rounds end without an answer
 _STEPS = 25
 _CLOSER: Final = 1e-2  # than the tolerance of the run
 _ROUND_OFF: Final = 1e-12
@@ -140,8 +140,8 @@ class SlidingStart:
         apart = float(np.linalg.norm(self._metric * (f_hat - f)))
         return free, f_hat, f_hat - f, apart / size if size > 0.0 else np.inf * (apart > 0.0)
 
-    def _iterated(self, enough: float) -> float:
-        """A few iterations with acceleration; the residual at their end."""
+    def _iterated(self, enough: float, depth: int) -> float:
+        """A few iterations with acceleration of this depth; the residual at their end."""
         scale = np.sqrt(self._area * self._z)
         qs = list[Array]()
         rests = list[Array]()
@@ -153,7 +153,7 @@ class SlidingStart:
             qs.append(scale * self.q)
             # F_hat + k W_hat - q
             rests.append(2.0 * scale * apart)
-            del qs[: -_DEPTH - 1], rests[: -_DEPTH - 1]
+            del qs[: -depth - 1], rests[: -depth - 1]
             new = qs[-1] + rests[-1]
             if len(qs) > 1:
                 changes, steps = np.diff(np.stack(rests, axis=1)), np.diff(np.stack(qs, axis=1))
@@ -207,13 +207,18 @@ class SlidingStart:
         """Tractions F_hat and velocities W_hat (n,) of the relative motions that meet the laws, None where none are
         found; ``tolerance`` of the run."""
         enough = max(_CLOSER * tolerance, _ROUND_OFF)
-        for _ in range(_ROUNDS):
-            if self._iterated(enough) <= enough or self._stepped(enough) <= enough:
-                free, f_hat, _, _ = self._look(self.q)
-                return f_hat, free + self._z * f_hat
-            self._adapt()
-            if not np.isfinite(self.q).all():
-                break
+        start = self.q
+        # which rounds end in the answer depends on round-off: those of another depth take another way
+        for depth in _DEPTHS:
+            self.q = start.copy()
+            self._bind(self._springs.copy())
+            for _ in range(_ROUNDS):
+                if self._iterated(enough, depth) <= enough or self._stepped(enough) <= enough:
+                    free, f_hat, _, _ = self._look(self.q)
+                    return f_hat, free + self._z * f_hat
+                self._adapt()
+                if not np.isfinite(self.q).all():
+                    break
         return None
 
 
