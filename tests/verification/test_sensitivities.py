@@ -21,7 +21,7 @@ from latin_fmu.latin.search_direction import relative_operator
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
 from latin_fmu.results.owner_records import InterfaceRecord
-from latin_fmu.scene.quantity_table import INTERFACE, values_of
+from latin_fmu.scene.quantity_table import INTERFACE, RunScalar, values_of
 from latin_fmu.sensitivities import copies, riders, tangent_run
 from latin_fmu.sensitivities.tangent_run import TangentRun
 from latin_fmu.sensitivities.tangents import Tangents
@@ -647,6 +647,18 @@ def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
     solution = latin_fmu.solve(scene.replace("output.sensitivities", ["material.steel.poisson_ratio"]))
     assert not any(solution.sensitivities.is_secant(q).any() for q in solution.sensitivities.quantities)
     assert any("poisson_ratio are not checked" in str(w) for w in solution.outcome.warnings)
+
+
+def test_a_peak_that_another_one_overtakes_is_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two peaks of 1 and 0.99: by 5 % of a parameter that raises the second by its own height it is the larger one."""
+    row = RunScalar("peak", "N", "a peak", "interface", lambda record: float(record))
+    monkeypatch.setattr(sensitivities, "rows_of", lambda _: [row])
+    overtaken = [{"peak": peak} for peak in (1.0, 1.0, 0.99 * 1.05)]
+    raised = [{"peak": peak} for peak in (1.0 + 1e-6, 1.0 - 1e-6, 1.05)]
+    owner = sensitivities._Owner("joint", 1.0, [None, None], [overtaken, raised])
+    ((_, q),) = owner.quantities("interface")
+    assert q.flagged.tolist() == [True, False]
+    np.testing.assert_allclose(q.changes, [0.0, 1.0], atol=1e-9)
 
 
 def test_progress_of_derivatives_goes_to_the_last_instant() -> None:
