@@ -58,7 +58,7 @@ class Attempt:
         """The choices for the first run of a scene."""
         yielding = Yielding(scene)
         # studies, which keep operators, compare runs that are marched alike; a bolt that yields needs runs of one form
-        modes_open = options.kept is None and not options.sees_all_interfaces and not yielding.tables
+        modes_open = options.kept is None and not options.iterates_all_interfaces and not yielding.tables
         return Attempt(options.may_leave_bodies_out, yielding, modes_open)
 
 
@@ -237,7 +237,7 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
 
             tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None)
         # what needs the iterates of single bodies
-        looks_at_bodies = wanted or options.n_process > 1 or options.sees_all_interfaces
+        looks_at_bodies = wanted or options.n_process > 1 or options.iterates_all_interfaces
         restricted = behaviours is not None or looks_at_bodies
         modal, reasons = by_modes(scene, restricted)
         tries = attempt.modes_open and not restricted and prediction.tries_modes

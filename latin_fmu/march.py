@@ -136,14 +136,14 @@ class RunOptions:
         return self.processes.size
 
     @property
-    def sees_all_interfaces(self) -> bool:
+    def iterates_all_interfaces(self) -> bool:
         """Whether the run has to iterate every interface of the scene, as its iterates are looked at or begun from."""
         return self.observer is not None or self.fields is not None
 
     @property
     def may_leave_bodies_out(self) -> bool:
         """Whether bodies that are never touched may be left out of the run."""
-        return not self.sees_all_interfaces and self.behaviours is None and self.processes is None
+        return not self.iterates_all_interfaces and self.behaviours is None and self.processes is None
 
 
 @dataclass(frozen=True)

@@ -491,7 +491,7 @@ def test_a_law_by_the_recipe(sources: Path) -> None:
 
 @pytest.mark.slow
 def test_a_kind_of_load_by_the_recipe(sources: Path) -> None:
-    """One file and one row: everything that asks a load does what the new kind says."""
+    """One file and one row: forces, picture, checks and words follow from the new kind."""
     (sources / "latin_fmu" / "scene" / "fluid_load.py").write_text(FLUID)
     carry_out(sources, KIND, ["-c", RUN_KIND])
 

@@ -26,8 +26,7 @@ from ..propagator import LoadTerm, Propagator, SubstructureModel
 from ..propagator.model import share_operators
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
-from ..scene.schema import Scene
-from ..scene.schema import straining as straining_loads
+from ..scene.schema import Scene, straining_loads
 from ..scene.settings import AutomaticScheme, ModalPropagatorTable, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, MaxwellBranches, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
@@ -525,7 +524,7 @@ def load_terms(
 
 @dataclass(frozen=True)
 class BodyVolume:
-    """A body as loads of its whole volume see it, `scene.body_loads.LoadedBody`.
+    """A body with what loads of its whole volume need, `scene.body_loads.LoadedBody`.
 
     Attributes
     ----------

@@ -37,8 +37,7 @@ from ..latin.recorder import Recorder, SubstructureInfo
 from ..scene.boundaries import Driven, Fixed, Symmetry
 from ..scene.fields import split_face
 from ..scene.raw_scene import CENTRAL
-from ..scene.schema import Scene
-from ..scene.schema import straining as straining_loads
+from ..scene.schema import Scene, straining_loads
 from .body import Body, body_sides
 from .loaded_faces import BodyFace
 

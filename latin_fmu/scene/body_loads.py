@@ -21,7 +21,7 @@ Tables = dict[str, Any]
 
 
 class LoadedBody(Protocol):
-    """What a load is told of its body; forces are (3 n_node,), N."""
+    """The body of a load; forces are (3 n_node,), N."""
 
     @property
     def size(self) -> float:

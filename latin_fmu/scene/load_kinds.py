@@ -1,7 +1,7 @@
 """Kinds of loads on faces: each says its keys, nodal forces, size, arrow and words itself.
 
-`Load` has the keys of all kinds and acts as the one whose keys are given; nothing else asks for a kind. Nodal forces of
-tractions t are f_a = int psi_a t dA, with the areas int psi_a dA and int psi_a n dA of the face.
+`Load` has the keys of all kinds and acts as the one whose keys are given; nothing else branches on kinds. Nodal forces
+of tractions t are f_a = int psi_a t dA, with the areas int psi_a dA and int psi_a n dA of the face.
 """
 
 from abc import abstractmethod
@@ -21,7 +21,7 @@ GlobalVector = tuple[float, float, float]
 
 
 class LoadedFace(Protocol):
-    """What a load is told of its face."""
+    """The face of a load."""
 
     @property
     def points(self) -> Array:

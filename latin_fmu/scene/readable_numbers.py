@@ -1,4 +1,4 @@
-"""Numbers with units as a reader sees them, and rows of a table in columns."""
+"""Numbers with units as they are printed, and rows of a table in columns."""
 
 from __future__ import annotations
 

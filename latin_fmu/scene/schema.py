@@ -460,6 +460,6 @@ def with_settings(data: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
     return apply_overrides(data, settings, NAMED)
 
 
-def straining(scene: Scene) -> frozenset[str]:
+def straining_loads(scene: Scene) -> frozenset[str]:
     """Names of loads that strain free bodies and move none."""
     return frozenset(load.name for load in scene.body_loads if load.kind.strains)

@@ -55,7 +55,7 @@ class Solve(Protocol):
 
 @dataclass(frozen=True)
 class Ride:
-    """A run as its riders see it.
+    """What riders have of a run beside its solution.
 
     Attributes
     ----------

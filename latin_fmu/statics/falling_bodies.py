@@ -32,8 +32,7 @@ from ..interface.laws import NoSlip, coulomb_coefficient
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import with_load
-from ..scene.schema import Scene
-from ..scene.schema import straining as straining_loads
+from ..scene.schema import Scene, straining_loads
 from .free_bodies import BALANCED, FreeGroup, free_groups, ways_of
 
 

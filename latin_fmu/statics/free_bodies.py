@@ -48,8 +48,7 @@ from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
-from ..scene.schema import Scene
-from ..scene.schema import straining as straining_loads
+from ..scene.schema import Scene, straining_loads
 
 HELD = 1e-10
 """A rigid motion with less relative motion at interfaces than this (squared) is free."""

@@ -1,4 +1,4 @@
-"""The state that a run starts from, where its scene asks for an equilibrium: bolts tightened, loads of t = 0 applied,
+"""The state that a run starts from, where its scene has a static start: bolts tightened, loads of t = 0 applied,
 bodies that it leaves free in their places, initial displacements added."""
 
 from __future__ import annotations
