@@ -104,9 +104,8 @@ EDITS: Edits = {  # file: what stands there, what stands there then
     ],
     "latin_fmu/scene/interfaces.py": [
         (
-            '    "no_slip": (',
-            '    "cohesive_contact": ("friction_coefficient", "cohesion", "gap", "preload", "preload_force"),\n'
-            '    "no_slip": (',
+            '    "no_slip": _OPENING,',
+            '    "cohesive_contact": ("friction_coefficient", "cohesion", *_OPENING),\n    "no_slip": _OPENING,',
         ),
         (
             "    friction_coefficient: Annotated[",
