@@ -186,6 +186,8 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
         assert path.exists(), f"{page.name}: {target}"
         for function in re.findall(r"`(\w+)`", label) if path.suffix == ".py" else ():
             assert re.search(rf"^(def|class) {function}\b", path.read_text(encoding="utf-8"), re.M), (function, target)
+    if page.name == "history.md":  # names what is gone, too
+        return
     files = re.findall(r"(?:models|examples|tests|docs|latin_fmu|fmu_build)/[\w/]*\w(?:\.\w+)?", text)
     for file in files:
         if not file.endswith(("NAME", "fmu_")):

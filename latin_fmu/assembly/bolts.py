@@ -486,7 +486,7 @@ class _Section:
                 f"{_stretches(self._body, self._axis, named | {'held nodes': held})}",
                 shown(self._bolt.axis),
                 "a shank with a layer of free nodes between its ends, without interface or boundary condition",
-                "check the axis; let the interface cover only the threaded faces, not the full shank; or refine the "
+                "check the axis; let the interface cover the threaded faces alone, not the full shank; or refine the "
                 "mesh of the shank along the axis",
             )
             return None

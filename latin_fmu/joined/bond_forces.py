@@ -63,7 +63,10 @@ class BondForces:
 
     def carried(self, wanted: Array) -> dict[int, Array]:
         """The same for forces that are taken to ``rows`` already."""
-        solved = self._factor.solve(np.ascontiguousarray(self._weighted @ wanted))
+        loads = (self._weighted @ wanted).T
+        # an instant at a time: for many columns at once BLAS rounds by their number, and a run that is continued has
+        # blocks of other lengths
+        solved = np.stack([self._factor.solve(np.ascontiguousarray(load)) for load in loads], axis=1)
         ends = np.cumsum(self._counts)
         parts = zip(self._bonded, self._counts, ends.tolist(), strict=True)
         return {i: solved[end - count : end].T for i, count, end in parts}

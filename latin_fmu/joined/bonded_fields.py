@@ -85,7 +85,8 @@ class BondRecovery:
         self._others, self._on = others, sp.csr_array(sp.csc_array(carried)[:, others])
         loads = [(m, load) for m in group.models for load in m.loads]
         columns = [np.asarray(rows[:, group.where[m.name]] @ load.pattern) for m, load in loads]
-        self._loads = np.stack([np.zeros(rows.shape[0]), *columns], axis=1)
+        # sparse: its product rounds each instant alike, whatever the length of the block
+        self._loads = sp.csr_array(np.stack([np.zeros(rows.shape[0]), *columns], axis=1))
         self.memory = np.zeros((3, max(rows.shape[0], len(self.near))))
 
     def _amplitudes(self, now: slice) -> Array:
