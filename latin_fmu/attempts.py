@@ -57,9 +57,12 @@ class Attempt:
     def first(scene: Scene, options: RunOptions) -> Attempt:
         """The choices for the first run of a scene."""
         yielding = Yielding(scene)
-        # studies, which keep operators, compare runs that are marched alike; a bolt that yields needs runs of one form
-        modes_open = options.kept is None and not options.iterates_all_interfaces and not yielding.tables
-        return Attempt(options.may_leave_bodies_out, yielding, modes_open)
+        # a bolt that yields needs runs of one form
+        modes_open = not options.iterates_all_interfaces and not yielding.tables
+        refused = ""
+        if modes_open and options.kept is not None:
+            refused = options.kept.modes_refused
+        return Attempt(options.may_leave_bodies_out, yielding, modes_open and not refused, refused)
 
 
 class Prepared(NamedTuple):
@@ -98,13 +101,15 @@ class Verdict:
 
 
 class EndedRun(NamedTuple):
-    """A run at its end: of which scene and attempt, what was made ready and marched for it, and its clock."""
+    """A run at its end: of which scene and attempt, what was made ready and marched for it, its clock, and operators of
+    the runs of its study."""
 
     scene: Scene
     attempt: Attempt
     ready: Prepared
     run: MarchedRun
     started: RunClock
+    kept: KeptOperators | None = None
 
 
 class StandingRun(NamedTuple):
@@ -133,7 +138,7 @@ def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> Standi
             else:
                 attempt = replace(attempt, leave_out=False)
             continue
-        another, standing = _judged(EndedRun(scene, attempt, ready, run, started))
+        another, standing = _judged(EndedRun(scene, attempt, ready, run, started, options.kept))
         if standing is not None:
             return standing
         # the run is void; its time counts as set-up: the limit begins where it did
@@ -189,13 +194,20 @@ def modes_tried(ended: EndedRun) -> Verdict:
     ready, outcome, started = ended.ready, ended.run.outcome, ended.started
     if not ready.tries_modes or outcome.interrupted:
         return Verdict()
-    from .effects.modal_choice import truncation_of
+    from .effects.modal_choice import truncation_of, unfit
 
     def coarser(problem: SolverReadyProblem) -> Outcome:
         return march(problem, RunOptions(max_cpu=started.left)).outcome
 
     begin = clock.process_time()
-    truncation, refused = truncation_of(ended.scene, ready.prediction.discretised, ready.problem, outcome, coarser)
+    kept, discretised = ended.kept, ready.prediction.discretised
+    truncation = None if kept is None else kept.error_of_modes
+    refused = unfit(discretised, outcome)
+    # of a study once
+    if not refused and truncation is None:
+        truncation, refused = truncation_of(ended.scene, discretised, ready.problem, outcome, coarser)
+        if kept is not None:
+            kept.error_of_modes, kept.modes_refused = truncation, refused
     outcome.timings.other += clock.process_time() - begin
     outcome.timings.peak_memory = peak_memory()
     if refused:

@@ -264,7 +264,10 @@ def _recorder_of_bodies(problem: SolverReadyProblem, marched: Recorder) -> Recor
 
         return StaticRecorder(whole, marched, output, problem.info)
     from .joined.recovered_fields import RecoveredRecorder
+    from .joined.recovered_resultants import ResultantRecorder, follows_resultants
 
+    if output.contacts_alone and follows_resultants(whole):
+        return ResultantRecorder(whole, marched, output, problem.info)
     return RecoveredRecorder(whole, marched, output, problem.info)
 
 
@@ -282,6 +285,7 @@ def _outcome(problem: SolverReadyProblem, run: Run, recorder: Recorder) -> Outco
     if problem.untouched is not None:
         histories, bodies = problem.untouched.complete(histories, bodies, recorder, assembly)
         n_body += len(problem.untouched.info)
+    histories = {name: history for name, history in histories.items() if name not in recorder.unread}
     # bodies that were left out, and bonds that were not iterated
     indicators = {name: indicators.get(name, 0.0) for name in histories}
     time, ends = assembly.time[: recorder.n_kept], body_ends(problem)
@@ -315,6 +319,7 @@ def _outcome(problem: SolverReadyProblem, run: Run, recorder: Recorder) -> Outco
         complete=assembly.instant == assembly.n_instant,
         interrupted=run.interrupted,
         resultants=balance,
+        bond_resultants=recorder.bond_resultants,
     )
 
 

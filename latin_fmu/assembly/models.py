@@ -10,7 +10,7 @@ last bit. A key that is not listed here can therefore cost time, but never give 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Final, TypeVar
 
@@ -23,7 +23,7 @@ from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longe
 from ..latin.assembly import Array, Index, InterfaceUnit
 from ..operator_store import NO_STORE, OperatorStore, store_at
 from ..propagator import LoadTerm, Propagator, SubstructureModel
-from ..propagator.model import share_operators
+from ..propagator.model import FaceStiffness, share_operators
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import Scene, straining_loads
@@ -34,7 +34,7 @@ from .loaded_faces import BodyFace
 
 _OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start", "imposed_speed"))
 """Fields of a model that no operator depends on."""
-_COMPARED: Final = (str, int, float, tuple, dict, BaseModel, MaxwellBranches)
+_COMPARED: Final = (str, bytes, int, float, tuple, dict, BaseModel, MaxwellBranches)
 """Types of objects whose == tells whether they are equal."""
 
 
@@ -52,6 +52,9 @@ class KeptOperators:
     bodies : by substructure. models : first member of every class, before its propagator changes it. propagators : of
         the classes. made_with : scheme, step (s) and choices that the propagators were made with. compared : whether
         the scene is compared with that one, and never built: no classes are looked for, nothing is reduced.
+    error_of_modes : ``TruncationError`` of the first run that the program has marched by the modes of its assembly,
+        which is that of the runs that follow, too. modes_refused : why these are marched by their bodies.
+    resultants_alone : whether a study reads the resultants of bonds alone, no tractions of their points.
     """
 
     bodies: dict[str, Body] = field(default_factory=dict)
@@ -59,6 +62,9 @@ class KeptOperators:
     propagators: list[Propagator] = field(default_factory=list)
     made_with: tuple[Any, ...] = ()
     compared: bool = False
+    error_of_modes: Any = None
+    modes_refused: str = ""
+    resultants_alone: bool = False
     _parts: dict[str, tuple[tuple[Any, ...], Any]] = field(default_factory=dict)
 
     def again(self, name: str, given: tuple[Any, ...], make: Callable[[], Made]) -> Made:
@@ -76,7 +82,7 @@ class KeptOperators:
 
     def copy(self) -> KeptOperators:
         """Operators for a scene that is solved beside the one solved last; those here stay as they are."""
-        return KeptOperators({**self.bodies}, self.models, self.propagators, self.made_with, _parts={**self._parts})
+        return replace(self, bodies={**self.bodies}, _parts={**self._parts})
 
     def adopt(self, model: SubstructureModel) -> None:
         """Give a model the reduced matrices of one with equal matrices, where there is one."""
@@ -105,8 +111,12 @@ class KeptOperators:
 
 def same_operators(first: SubstructureModel, second: SubstructureModel) -> bool:
     """Whether all matrices of two models are equal to the last bit."""
-    names = [f.name for f in fields(SubstructureModel) if f.name not in _OWN]
-    return all(_same(getattr(first, name), getattr(second, name)) for name in names)
+    return all(map(_same, operator_parts(first), operator_parts(second)))
+
+
+def operator_parts(model: SubstructureModel) -> list[Any]:
+    """All of a model that its operators depend on."""
+    return [getattr(model, f.name) for f in fields(SubstructureModel) if f.name not in _OWN]
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -117,6 +127,10 @@ def _same(a: Any, b: Any) -> bool:
         return a.shape == b.shape and all(np.array_equal(x, y) for x, y in parts)
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
+    if isinstance(a, FaceStiffness) and isinstance(b, FaceStiffness):
+        return all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(FaceStiffness))
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_same, a, b))
     return type(a) is type(b) and isinstance(a, _COMPARED) and bool(a == b)
 
 

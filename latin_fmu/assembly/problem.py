@@ -355,6 +355,8 @@ class DiscretisedProblem:
             supported,
             bolts.places(self.cuts, changes, self.elongation) if self.cuts and not self.ramps else {},
             {} if self.untouched is None else self.untouched.faces,
+            contacts_alone=self.kept is not None and self.kept.resultants_alone,
+            bond_resultants=True,
         )
 
 

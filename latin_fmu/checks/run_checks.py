@@ -328,7 +328,8 @@ def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory],
         return []
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
-        if not bonds(unit.behaviour):
+        # without a history its sides are the same dofs
+        if not bonds(unit.behaviour) or unit.name not in histories:
             continue
         first, second = (assembly.layout.channels(i, side) for side in (0, 1))
         frames = unit.geometry.frames[:, : unit.behaviour.n_component]

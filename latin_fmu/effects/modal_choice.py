@@ -40,6 +40,7 @@ _CHANGE: Final = 1.6  # change of a quantity over its error (module docstring)
 _OF_SPECTRUM: Final = 2.0  # the same of a spectrum
 _WITHOUT_ORDER: Final = 0.1  # change that no order of an error explains
 _HISTORIES: Final = 9  # of a channel, of both marches, at an instant
+_TRIED: Final = "the march by modes was tried, and "
 _APART: Final = 0.1  # of the size of a body: contacts that move further meet other points
 
 
@@ -77,6 +78,16 @@ def by_choice(discretised: DiscretisedProblem) -> DiscretisedProblem:
     return replace(discretised, scene=discretised.scene.model_copy(update={"solver": solver}))
 
 
+def unfit(discretised: DiscretisedProblem, outcome: Outcome) -> str:
+    """Why the march by modes that the program has chosen is given up before its error is estimated; empty where it is
+    not."""
+    if not outcome.converged:
+        return f"{_TRIED}{outcome.status.partition('.')[0]}"
+    if name := _apart(discretised, outcome.interfaces):
+        return f"{_TRIED}the sides of {name} have moved on each other by more than a tenth of a body"
+    return ""
+
+
 def truncation_of(
     scene: Scene,
     discretised: DiscretisedProblem,
@@ -86,22 +97,18 @@ def truncation_of(
 ) -> tuple[TruncationError | None, str]:
     """Error of a march by modes that the program has chosen, and why it is given up; empty where it is not.
 
-    discretised, problem, outcome : of the march. march : solves the problem whose march serves the estimate of it.
+    discretised, problem, outcome : of the march, which is not ``unfit``. march : solves the problem whose march serves
+    the estimate of it.
     """
-    tried = "the march by modes was tried, and "
-    if not outcome.converged:
-        return None, f"{tried}{outcome.status.partition('.')[0]}"
-    if name := _apart(discretised, outcome.interfaces):
-        return None, f"{tried}the sides of {name} have moved on each other by more than a tenth of a body"
     with one_thread():
         coarser = coarser_problem(discretised, problem.start, cast(Any, problem.reduced))
     other = march(coarser)
     if not other.converged:
-        return None, f"{tried}the one for the estimate of its error {other.status.partition('.')[0]}"
+        return None, f"{_TRIED}the one for the estimate of its error {other.status.partition('.')[0]}"
     truncation, most = truncation_error(scene, outcome, other), scene.solver.reduction_error
     if truncation.largest[1] <= most:
         return truncation, ""
-    return None, f"{tried}its error {truncation.in_words()} is above solver.reduction_error ({100 * most:.3g} %)"
+    return None, f"{_TRIED}its error {truncation.in_words()} is above solver.reduction_error ({100 * most:.3g} %)"
 
 
 def truncation_error(scene: Scene, fine: Outcome, coarse: Outcome) -> TruncationError:

@@ -61,6 +61,13 @@ class BondForces:
         """Tractions (k, n_channel) on side E of each bond, local frames, Pa, for forces g (n_full, k), N."""
         return self.carried(np.asarray(self.rows @ forces))
 
+    def sums(self, weights: dict[int, Array]) -> sp.csr_array:
+        """Rows (k, n_full) that give sums of tractions of all bonds by forces g: of the bond ``i`` with the weights
+        (k, n_channel) of ``weights[i]``, by the transpose of what gives the tractions."""
+        wanted = np.hstack([weights[i] for i in self._bonded])
+        solved = self._factor.solve(np.ascontiguousarray(wanted.T), trans="T")
+        return sp.csr_array(sp.csr_array(np.asarray(self._weighted.T @ solved).T) @ self.rows)
+
     def carried(self, wanted: Array) -> dict[int, Array]:
         """The same for forces that are taken to ``rows`` already."""
         loads = (self._weighted @ wanted).T

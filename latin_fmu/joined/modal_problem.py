@@ -29,7 +29,7 @@ def modal_problem(
     give_back_memory()  # of the static start
     bodies = discretised.bodies.items()
     viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}
-    march = reduced_march(discretised.scene, classes, assembly, start, viscosities, finer)
+    march = reduced_march(discretised.scene, classes, assembly, start, viscosities, finer, discretised.kept)
     warnings = (*discretised.remarks, *(() if start is None else remarks_of("start", start.remarks)))
     return ready(discretised, assembly, (warnings, timeline, start, march.scheme_in_words, {}), march)
 
@@ -38,8 +38,9 @@ def coarser_problem(
     discretised: DiscretisedProblem, start: InitialState | None, march: ReducedMarch
 ) -> SolverReadyProblem:
     """The problem in steps twice as long and with fewer modes, for the estimate of the error of ``march``; histories of
-    interfaces, sensors and bolts alone."""
+    contacts, sensors and bolts alone."""
     count = -(-discretised.scene.time.n_step // 2)
     time = np.linspace(0.0, discretised.scene.time.end, count + 1)
     problem = modal_problem(replace(discretised, time=time), start, march)
-    return replace(problem, output=replace(problem.output, energy=False, fields=False, stress=False))
+    contacts = {"contacts_alone": True, "bond_resultants": False, "supports": {}}
+    return replace(problem, output=replace(problem.output, energy=False, fields=False, stress=False, **contacts))

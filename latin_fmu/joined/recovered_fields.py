@@ -2,7 +2,7 @@
 
 The motion of all bodies is a sum of few shapes: rigid motions and modes, static responses to loads, shapes that follow
 driven faces, and static responses to relative motions. Of these there are as many as contacts have unknowns, but their
-histories lie in a space of few dimensions (``compressed``), so that few solutions give all instants.
+histories lie in a space of few dimensions (``reduced_assembly.compressed``), so that few solutions give all instants.
 
 Bonds are no unknowns of the march. Their tractions F follow from the equilibrium of the bodies that they join,
 
@@ -19,7 +19,6 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, WORK_OF_LOADS
@@ -28,43 +27,14 @@ from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
 from ..machine import give_back_memory
+from ..propagator.forcing import STRAIN
 from ..propagator.model import SubstructureModel, closest_reduced
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
 from .reduced_run import NAME, RELATIVE, ReducedMarch
 from .tied_assembly import MASS, STIFFNESS, jump_rows
 
-_EXACT: Final = 1e-3  # of the largest change of the relative motions, left out of their shapes
-_BLOCK: Final = 32  # shapes that are looked for at a time
-_COLUMNS: Final = 40  # that are solved together: vectors of all dofs
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
-
-
-def compressed(histories: Array) -> Array:
-    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of the largest: a
-    span found by random sums of what is left, and of it the fewest shapes that do."""
-    rest, found = histories.copy(), list[Any]()
-    size = np.linalg.norm(rest, axis=1).max(initial=0.0)
-    random = np.random.default_rng(0)  # the same shapes every time
-    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
-        rank = sum(shape.shape[1] for shape in found)
-        count = min(_BLOCK, min(histories.shape) - rank)
-        if count <= 0:
-            break
-        mixed = rest.T @ random.normal(size=(len(rest), count))
-        for shape in found:
-            mixed -= shape @ (shape.T @ mixed)
-        new, _ = la.qr(mixed, mode="economic", check_finite=False)
-        found.append(new)
-        rest -= (rest @ new) @ new.T
-    shapes = np.hstack([np.zeros((histories.shape[1], 0)), *found])
-    if not shapes.shape[1]:
-        return shapes
-    weights, sizes, turn = la.svd(histories @ shapes, full_matrices=False)
-    # of each history, what the shapes from each one on hold, and what none does
-    shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + (rest**2).sum(axis=1)[:, None]
-    count = int((shares.max(axis=0) > (_EXACT * size) ** 2).sum())
-    return np.asarray(shapes @ turn[:count].T)
 
 
 @dataclass(frozen=True)
@@ -81,64 +51,78 @@ class Motions:
     modes: Array
     relative: Array
 
+    # -- the parts of u = E Q (P a + X r) + E R r + B d ----------------------------------------------------------------
     @cached_property
-    def _relative(self) -> tuple[Array, Array]:
-        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; amplitudes (3, n_time, k)
-        of displacements, velocities and accelerations: those of the march are of a scheme for what has no mass."""
+    def _expansions(self) -> tuple[sp.csr_array, sp.csr_array]:
+        """E Q and E R: full dofs by the free dofs, and by the relative motions."""
+        tied = self.march.tied
+        return sp.csr_array(tied.expansion[:, : tied.n_free]), sp.csr_array(tied.expansion[:, tied.n_free :])
+
+    @cached_property
+    def _basis(self) -> Array:
+        """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
+        reduced = self.march.reduced
+        return np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p, reduced.static_loads])
+
+    @cached_property
+    def _amplitudes(self) -> Array:
+        """Of P and of the driven faces: of displacements, velocities and accelerations (3, n_time, k)."""
+        reduced, drives = self.march.reduced, self.march.drives
+        first, m = reduced.rigid.shape[1], reduced.n_mode
+        n_time = len(self.modes)
+        loads = drives.amplitudes[:, :n_time].T, drives.rates[:, :n_time].T / self.march.bodies.dt
+        static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
+        rows = []
+        for kind in range(3):
+            # modes beyond what loads make of them at rest; loads have no inertia of their own
+            modal, load = self.modes[:, kind].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
+            modal[:, first:] -= load @ static
+            rows.append(np.hstack([modal, load, drives.motions[kind, :, :n_time].T]))
+        return np.stack(rows)
+
+    def _beside_responses(self, relative: Array) -> Array:
+        """X r (n_free, k) of relative motions (n_r, k) without the static responses -K+ K_qr r: of rigid motions, and
+        what modes have of r at rest."""
+        reduced = self.march.reduced
+        modal = np.vstack([reduced.rigid_share @ relative, reduced.marched_gamma @ relative])
+        return np.asarray(-self._basis[:, : reduced.n_mode] @ modal)
+
+    def _in_time(self, relative: Array, shapes: Array) -> Array:
+        """Amplitudes ``relative`` @ ``shapes`` (n_time, k) of relative motions with their velocities and accelerations,
+        (3, n_time, k): those of the march are of a scheme for what has no mass."""
         (model,), dt = self.march.assembly.propagators[0].members, self.march.bodies.dt
-        r, speed = self.relative - self.relative[0], model.velocity[None, self.march.reduced.n_mode :]
-        shapes = compressed(r)
-        moved = r @ shapes
-        change = np.diff(moved, axis=0, prepend=-dt * (speed @ shapes))
+        histories, speed = relative @ shapes, model.velocity[self.march.reduced.n_mode :] @ shapes
+        change = np.diff(histories, axis=0, prepend=histories[:1] - dt * speed)
         # at the last instant, that of the step before
         following = np.vstack([change[1:], change[-1:]])
-        amplitudes = np.stack([moved, 0.5 * (change + following) / dt, (following - change) / dt**2])
-        first = np.zeros((3, len(r), 1))
+        return np.stack([histories, 0.5 * (change + following) / dt, (following - change) / dt**2])
+
+    # -- of all dofs, by shapes ----------------------------------------------------------------------------------------
+    @cached_property
+    def _relative(self) -> tuple[Array, Array, Array]:
+        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; static responses (n_free,
+        k) to them; amplitudes (3, n_time, k)."""
+        reduced, start = self.march.reduced, self.relative[:1]
+        shapes, responses = reduced.solver.spanning(self.relative - start, reduced.coupling)
+        at_start = reduced.solver.solve(-np.asarray(reduced.coupling @ start.T))
+        amplitudes = self._in_time(self.relative - start, shapes)
+        first = np.zeros((3, len(self.relative), 1))
         first[0] = 1.0
-        return np.column_stack([self.relative[0], shapes]), np.concatenate([first, amplitudes], axis=2)
+        all_shapes, all_responses = np.hstack([start.T, shapes]), np.hstack([at_start, responses])
+        return all_shapes, all_responses, np.concatenate([first, amplitudes], axis=2)
 
     @cached_property
     def shapes(self) -> Array:
-        """(n_full, n_shape): rigid motions and modes, relative motions, loads, driven faces."""
-        reduced, tied = self.march.reduced, self.march.reduced.tied
-        n = tied.n_free
-        relative = self._relative[0]
-        driven = self.march.drives.shapes
-        of_free, of_relative = sp.csr_array(tied.expansion[:, :n]), sp.csr_array(tied.expansion[:, n:])
-        first = reduced.rigid.shape[1]
-        m = reduced.n_mode
-        loads = reduced.static_loads
-        end = m + relative.shape[1]
-        shapes = np.empty((len(driven), end + loads.shape[1] + driven.shape[1]))
-        shapes[:, :first] = of_free @ reduced.rigid
-        shapes[:, first:m] = of_free @ (reduced.elastic * reduced.marched.p)
-        for at in range(0, relative.shape[1], _COLUMNS):
-            part = relative[:, at : at + _COLUMNS]
-            static = reduced.solver.solve(-np.asarray(reduced.coupling @ part))
-            static -= reduced.rigid @ (reduced.rigid_share @ part)
-            shapes[:, m + at : m + at + part.shape[1]] = of_free @ static + of_relative @ part
-        shapes[:, end : end + loads.shape[1]] = of_free @ loads
-        shapes[:, end + loads.shape[1] :] = driven
-        return shapes
+        """(n_full, n_shape): relative motions, rigid motions and modes, loads, driven faces."""
+        relative, responses, _ = self._relative
+        of_free, of_relative = self._expansions
+        moved = of_free @ (responses + self._beside_responses(relative)) + of_relative @ relative
+        return np.hstack([moved, of_free @ self._basis, self.march.drives.shapes])
 
     @cached_property
     def amplitudes(self) -> Array:
         """Of the shapes: of displacements, velocities and accelerations, (3, n_time, n_shape)."""
-        reduced, drives = self.march.reduced, self.march.drives
-        first = reduced.rigid.shape[1]
-        m = reduced.n_mode
-        n_time = len(self.modes)
-        loads = drives.amplitudes[:, :n_time].T, drives.rates[:, :n_time].T / self.march.bodies.dt
-        static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
-        shapes, relative = self._relative
-        of_relative = (reduced.marched_gamma @ shapes).T
-        rows = []
-        for kind in range(3):
-            # modes beyond what relative motions and loads make of them at rest; loads have no inertia of their own
-            modal, load = self.modes[:, kind].copy(), loads[kind] if kind < 2 else np.zeros_like(loads[0])
-            modal[:, first:] -= relative[kind] @ of_relative + load @ static
-            rows.append(np.hstack([modal, relative[kind], load, drives.motions[kind, :, :n_time].T]))
-        return np.stack(rows)
+        return np.concatenate([self._relative[2], self._amplitudes], axis=2)
 
     def of(self, rows: sp.csr_array | Array, kind: int) -> Array:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
@@ -150,21 +134,42 @@ class Motions:
         for at in range(0, len(out), _INSTANTS):
             out[at : at + _INSTANTS] = self.amplitudes[kind][at : at + _INSTANTS] @ shapes
 
-    def sensed(self, rows: sp.csr_array, model: SubstructureModel) -> Array:
-        """Displacements, velocities, accelerations of rows (k, n_full) of a body, and what internal forces take for
-        displacements, (n_time, 4, k)."""
-        shapes = np.asarray(rows @ self.shapes)
-        return np.stack([a @ shapes.T for a in (*self.amplitudes, self.strains(model))], axis=1)
-
     def full(self, where: slice, kind: int, instants: Index | slice) -> Array:
         """Those of full dofs at instants, (n_instant, k)."""
         return np.asarray(self.amplitudes[kind][instants] @ self.shapes[where].T)
+
+    def whole(self, kind: int, instant: int) -> Array:
+        """Displacements or velocities (n_full,) of all dofs at one instant, with nothing left out."""
+        reduced, (of_free, of_relative) = self.march.reduced, self._expansions
+        near = self.relative[max(instant - 1, 0) : instant + 2]
+        relative = self._in_time(near, np.eye(near.shape[1]))[kind, min(instant, 1), :, None]
+        free = reduced.solver.solve(-np.asarray(reduced.coupling @ relative)) + self._beside_responses(relative)
+        a = self._amplitudes[kind, instant]
+        count = self._basis.shape[1]
+        free = free[:, 0] + self._basis @ a[:count]
+        return np.asarray(of_free @ free + of_relative @ relative[:, 0] + self.march.drives.shapes @ a[count:])
+
+    # -- of few rows, exactly ------------------------------------------------------------------------------------------
+    def sensed(self, rows: sp.csr_array) -> Array:
+        """Displacements, velocities and accelerations of rows A (k, n_full), (3, n_time, k).
+
+        A K+ K_qr r takes one solution per row, with the transpose of K+ K_qr, whatever r does in time; nothing is left
+        out, as the shapes of relative motions do, whose accelerations may be those of a few points."""
+        of_free, of_relative = self._expansions
+        reduced, on_free = self.march.reduced, sp.csr_array(rows @ of_free)
+        static = reduced.solver.transposed(on_free) @ reduced.coupling
+        modal = np.asarray(on_free @ self._basis)
+        rest = modal[:, : reduced.n_mode] @ np.vstack([reduced.rigid_share, reduced.marched_gamma])
+        of_relative_motion = (rows @ of_relative).toarray() - static - rest
+        moved = self._in_time(self.relative, of_relative_motion.T)
+        others = np.hstack([modal, np.asarray(rows @ self.march.drives.shapes)])
+        return np.asarray(moved + self._amplitudes @ others.T)
 
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
         """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
         matrix = sp.csr_array(rows)
         where = self.march.tied.where[name]
-        shape = matrix.shape[0], self.shapes.shape[0]
+        shape = matrix.shape[0], self.march.tied.expansion.shape[0]
         return sp.csr_array((matrix.data, matrix.indices + where.start, matrix.indptr), shape=shape)
 
     @cached_property
@@ -173,17 +178,21 @@ class Motions:
         return {}
 
     def strains(self, model: SubstructureModel) -> Array:
-        """What Maxwell branches add to the amplitudes of the displacements in the internal forces of a body, (n_time,
-        n_shape): the sum of their elongations times their strengths, relaxed at the start, as ``kernels.maxwell``."""
+        """``relaxing`` amplitudes of the shapes of a body, (n_time, n_shape)."""
         if model.branches not in self._strains:
-            moved = self.amplitudes[0]
-            added = self._strains[model.branches] = np.zeros_like(moved)
-            for strength, decay, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
-                elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
-                for t in range(1, len(elongation)):
-                    elongation[t] += decay * elongation[t - 1]
-                added += strength * elongation
+            self._strains[model.branches] = self.relaxing(model, self.amplitudes[0])
         return self._strains[model.branches]
+
+    def relaxing(self, model: SubstructureModel, moved: Array) -> Array:
+        """What the Maxwell branches of a body add to displacements (n_time, k) in its internal forces: the sum of their
+        elongations times their strengths, relaxed at the start, as ``kernels.maxwell``."""
+        added = np.zeros_like(moved)
+        for strength, decay, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
+            elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
+            for t in range(1, len(elongation)):
+                elongation[t] += decay * elongation[t - 1]
+            added += strength * elongation
+        return added
 
     # -- forces of bonds -------------------------------------------------------------------------------------------
     def internal_forces(self) -> Array:
@@ -205,6 +214,8 @@ class Motions:
             total += (model.inertia[dofs] @ shapes) @ a.T
             if model.damping is not None:
                 total += (model.damping[dofs] @ shapes) @ v.T
+            if (modal := model.modal_rows) is not None:
+                total += modal.T[dofs] @ ((modal @ shapes) @ v.T)
             out[here] = total
         # those of the scene alone: driven faces enter by the motion itself
         n_load = drives.forces.shape[1] - 3 * drives.shapes.shape[1]
@@ -260,33 +271,24 @@ class RecoveredRecorder(Recorder):
         self._march, self._motions = march, self._motions_of(march, recorder.series("path"))
         inner, assembly = recorder.rows, march.bodies
         layout, inner_layout = assembly.layout, march.assembly.layout
-        tied = march.tied
         rows = self.rows
         flat_f, flat_w = rows.f_hat[:n], rows.w_hat[:n]
-        self._motions.write(tied.trace, 1, flat_w)
-        self._ground(flat_w)
+        self._velocities(flat_w)
         for j, i in enumerate(march.units):
             first, second = (layout.channels(i, side) for side in (0, 1))
             near, far = (inner_layout.channels(j, side) for side in (0, 1))
             flat_f[:, first], flat_f[:, second] = inner.f_hat[:n][:, near], inner.f_hat[:n][:, far]
-            # what the law says of the sides: the motion of E as it is, of E' relative to it
-            flat_w[:, second] = flat_w[:, first] - (inner.w_hat[:n][:, near] - inner.w_hat[:n][:, far])
+            # what the law says of the sides: the motion of one as it is, of the other relative to it
+            self._move_sides(flat_w, (first, second), inner.w_hat[:n][:, near] - inner.w_hat[:n][:, far])
             group, inner_group = layout.group(i), inner_layout.group(j)
             g, h = layout.groups.index(group), inner_layout.groups.index(inner_group)
             if g in rows.gaps:
                 own_gaps = inner.gaps[h][:n, inner_group.members[j]]
                 opening = inner.w_hat[1:n][:, far[:, 0]] - inner.w_hat[1:n][:, near[:, 0]]
                 rows.gaps[g][:n, group.members[i]] = self._gaps_of(own_gaps, opening)
-        self._layers(flat_f)
-        back = sp.csr_array(tied.trace.T @ sp.diags_array(layout.area))
-        for i, traction in self._motions.bond_tractions(lambda part: np.asarray(back @ flat_f[part].T)).items():
-            shape = -1, *layout.channels(i, 0).shape
-            flat_f[:, layout.channels(i, 0)] = traction.reshape(shape)
-            flat_f[:, layout.channels(i, 1)] = -traction.reshape(shape)
-        self._slide()
+        self._recover_bonds(flat_f)
         self._read_series(n)
-        self._keep_fields()
-        self._keep_stresses()
+        self._recover_bodies()
         if request.energy:
             self._energy = self._whole_energy(recorder)
         else:
@@ -295,6 +297,31 @@ class RecoveredRecorder(Recorder):
             self._series["energy"]["drift"][:n] = recorder.series("energy")["drift"]
         self._leave(n)
         del self._motions  # shapes of all bodies: a march for the estimate of the error may follow
+
+    def _velocities(self, flat_w: Array) -> None:
+        """Velocities of the sides of all interfaces, and of the ground."""
+        self._motions.write(self._march.tied.trace, 1, flat_w)
+        self._ground(flat_w)
+
+    def _move_sides(self, flat_w: Array, sides: tuple[Index, Index], relative: Array) -> None:
+        """Set velocities of E' from those of E, and those of E over E'."""
+        flat_w[:, sides[1]] = flat_w[:, sides[0]] - relative
+
+    def _recover_bonds(self, flat_f: Array) -> None:
+        """Tractions of springs between sides and of bonds, slip of interfaces without tangential unknowns."""
+        layout = self._march.bodies.layout
+        self._layers(flat_f)
+        back = sp.csr_array(self._march.tied.trace.T @ sp.diags_array(layout.area))
+        for i, traction in self._motions.bond_tractions(lambda part: np.asarray(back @ flat_f[part].T)).items():
+            shape = -1, *layout.channels(i, 0).shape
+            flat_f[:, layout.channels(i, 0)] = traction.reshape(shape)
+            flat_f[:, layout.channels(i, 1)] = -traction.reshape(shape)
+        self._slide()
+
+    def _recover_bodies(self) -> None:
+        """Fields of the bodies at the instants that are stored, and largest stresses."""
+        self._keep_fields()
+        self._keep_stresses()
 
     def _motions_of(self, march: Any, histories: Mapping[str, Array]) -> Any:
         """Motion of the bodies by the histories of the dofs of the march."""
@@ -350,18 +377,26 @@ class RecoveredRecorder(Recorder):
         """Sensors, reactions, bolts and paths."""
         places = {name: (c, m) for c, p in enumerate(self._march.bodies.propagators) for m, name in enumerate(p.names)}
         motions, assembly = self._motions, self._march.bodies
-        for key in SERIES:
-            for name, place in self.request.places(key).items():
-                c, member = places[place.substructure]
-                model = assembly.propagators[c].members[member]
-                full = place.full_rows(model, False)
-                if model.nodal is not None:
-                    full = full @ model.nodal
-                values = motions.sensed(motions.placed(place.substructure, sp.csr_array(full)), model)
-                if not (assembly.propagators[c].n_sensed > 3):
-                    values = values[:, :3]
-                of = Reading(assembly, c, member, slice(0, n), self.rows.f_hat[:n])
-                self._series[key][name][:n] = place.read(values, of)
+        read = [(key, name, place) for key in SERIES for name, place in self.request.places(key).items()]
+        rows = []
+        for _, _, place in read:
+            c, member = places[place.substructure]
+            model = assembly.propagators[c].members[member]
+            full = place.full_rows(model, False)
+            if model.nodal is not None:
+                full = full @ model.nodal
+            rows.append(motions.placed(place.substructure, sp.csr_array(full)))
+        # together: vectors of all dofs
+        series = motions.sensed(sp.csr_array(sp.vstack(rows))) if rows else np.zeros((3, n, 0))
+        ends = np.cumsum([matrix.shape[0] for matrix in rows])
+        for (key, name, place), matrix, end in zip(read, rows, ends, strict=True):
+            c, member = places[place.substructure]
+            values = np.moveaxis(series[:, :, end - matrix.shape[0] : end], 0, 1)
+            if assembly.propagators[c].n_sensed > STRAIN:
+                added = motions.relaxing(assembly.propagators[c].members[member], values[:, 0])
+                values = np.concatenate([values, added[:, None]], axis=1)
+            of = Reading(assembly, c, member, slice(0, n), self.rows.f_hat[:n])
+            self._series[key][name][:n] = place.read(values, of)
 
     def _nodes(self, name: str, kind: int, instants: Index) -> Array:
         """Displacements or velocities (n, n_node, 3) of the nodes of a body at instants."""
@@ -460,8 +495,8 @@ class RecoveredRecorder(Recorder):
 
     def _leave(self, n: int) -> None:
         """Leave the bodies in their motion at the end."""
-        where, every = self._march.tied.where, slice(None)
-        u, v = (self._motions.full(every, kind, slice(n - 1, n))[0] for kind in (0, 1))
+        where = self._march.tied.where
+        u, v = (self._motions.whole(kind, n - 1) for kind in (0, 1))
         for propagator in self._march.bodies.propagators:
             fields, forcing = [], propagator.forcing
             propagator.instant = n - 1

@@ -30,9 +30,9 @@ would be right at one frequency alone, and what modes far above a frequency and 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -42,11 +42,12 @@ from ..cholesky.factor import CholeskyFactor, InsideFactor
 from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
 from ..propagator.lanczos import lowest_modes
+from ..propagator.model import SubstructureModel
 from ..propagator.vibration import DENSE
 from ..time_scheme import NO_BRANCHES, MaxwellBranches
 from .dynamic_stiffness import ProjectedStiffness, pole_of
 from .rigid_parts import RigidInertia, RigidParts
-from .tied_assembly import TiedAssembly
+from .tied_assembly import DAMPING, TiedAssembly
 
 MOST_MODES: Final = 400
 """Elastic modes at most."""
@@ -56,7 +57,12 @@ _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
-_OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "damping", "drag", "beyond")  # of the tied assembly
+_OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "beyond")  # of the tied assembly
+_EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
+_BLOCK: Final = 32  # shapes that are looked for at a time
+_COLUMNS: Final = 40  # that are solved together: vectors of all dofs
+_MOST_FOLLOWED: Final = 400  # shapes of runs before beyond which they are looked for anew
+_MOST_ROWS: Final = 8  # groups of rows whose responses are kept
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
 
@@ -81,6 +87,33 @@ class StaticSolver:
         self._factor = InsideFactor(supported(tied.stiffness, supports), last, tied.rank)
         self.relative = self._factor.schur
         self._n_relative = size
+        self._followed = np.zeros((size, 0)), np.zeros((n, 0))
+        self._rows: list[tuple[sp.csr_array, Array]] = []
+
+    def transposed(self, rows: sp.csr_array) -> Array:
+        """A K+ (k, n_free) of rows A (k, n_free): K+ is symmetric. Those of runs before are taken again."""
+        for before, found in self._rows:
+            if before.shape == rows.shape and not (before != rows).nnz:
+                return found
+        found = np.asarray(self.solve(rows.T.toarray()).T)
+        self._rows = [*self._rows[-_MOST_ROWS:], (rows, found)]
+        return found
+
+    def spanning(self, histories: Array, coupling: sp.csr_array) -> tuple[Array, Array]:
+        """Orthonormal shapes (n_r, k) whose span holds relative motions (n_time, n_r) as ``compressed`` ones do, and
+        the static responses (n_free, k) to them without their inertia relief; ``coupling`` : K_qr.
+
+        Those of the runs before are taken again: relative motions of neighbours lie nearly in one space."""
+        shapes, responses = self._followed
+        if shapes.shape[1] > _MOST_FOLLOWED:
+            shapes, responses = shapes[:, :0], responses[:, :0]
+        size = np.linalg.norm(histories, axis=1).max(initial=0.0)
+        new = compressed(histories - (histories @ shapes) @ shapes.T, size)
+        blocks = [new[:, at : at + _COLUMNS] for at in range(0, new.shape[1], _COLUMNS)]
+        solved = [self.solve(-np.asarray(coupling @ block)) for block in blocks]
+        self._followed = shapes, responses = np.hstack([shapes, new]), np.hstack([responses, *solved])
+        turn = fewest(histories, shapes, size)
+        return shapes @ turn, responses @ turn
 
     def solve(self, forces: Array) -> Array:
         """Responses (n_free, m) to forces (n_free, m)."""
@@ -88,6 +121,40 @@ class StaticSolver:
         moved = self._factor.held_solve(np.vstack([moved, np.zeros((self._n_relative, forces.shape[1]))]))
         moved = moved[: len(forces)]
         return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
+
+
+def compressed(histories: Array, size: float) -> Array:
+    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of ``size``: a
+    span found by random sums of what is left, and of it the fewest shapes that do."""
+    rest, found = histories.copy(), list[Any]()
+    random = np.random.default_rng(0)  # the same shapes every time
+    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
+        rank = sum(shape.shape[1] for shape in found)
+        count = min(_BLOCK, min(histories.shape) - rank)
+        if count <= 0:
+            break
+        mixed = rest.T @ random.normal(size=(len(rest), count))
+        for shape in found:
+            mixed -= shape @ (shape.T @ mixed)
+        new, _ = la.qr(mixed, mode="economic", check_finite=False)
+        found.append(new)
+        rest -= (rest @ new) @ new.T
+    shapes = np.hstack([np.zeros((histories.shape[1], 0)), *found])
+    return np.asarray(shapes @ fewest(histories, shapes, size))
+
+
+def fewest(histories: Array, shapes: Array, size: float) -> Array:
+    """Sums (k, j) of orthonormal shapes (n, k), the fewest that hold histories (n_time, n) to a share ``_EXACT`` of
+    ``size`` as far as all of them do."""
+    if not shapes.shape[1]:
+        return np.zeros((0, 0))
+    amplitudes = histories @ shapes
+    weights, sizes, turn = la.svd(amplitudes, full_matrices=False)
+    rest = ((histories - amplitudes @ shapes.T) ** 2).sum(axis=1)
+    # of each history, what the sums from each one on hold, and what none does
+    shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + rest[:, None]
+    count = int((shares.max(axis=0) > (_EXACT * size) ** 2).sum())
+    return np.asarray(turn[:count].T)
 
 
 def supported(stiffness: sp.csr_array, rigid: Array) -> sp.csr_array:
@@ -223,11 +290,11 @@ class ReducedAssembly:
     @cached_property
     def damping(self) -> Array:
         """Phi^T C Phi (n_mode, n_mode), modal damping of bodies included."""
-        n, basis = self.tied.n_free, np.hstack([self.rigid, self.elastic])
-        projected: Array = basis.T @ (self.tied.damping[:n, :n] @ basis)
+        basis = np.hstack([self.rigid, self.elastic])
+        projected = self.tied.projected(DAMPING, basis)
         for model in self.tied.models:
             if model.modal_rows is not None:
-                rates = model.modal_rows @ (self.tied.expansion[self.tied.where[model.name], :n] @ basis)
+                rates = model.modal_rows @ self.tied.moved(model.name, basis)
                 projected += rates.T @ rates
         return 0.5 * (projected + projected.T)
 
@@ -244,7 +311,7 @@ class ReducedAssembly:
     def _stiffness_of(self, name: str) -> Array:
         """Phi^T K Phi (m, m) of a body in the elastic modes."""
         model = next(m for m in self.tied.models if m.name == name)
-        moved = self.tied.expansion[self.tied.where[name], : self.tied.n_free] @ self.elastic
+        moved = self.tied.moved(name, self.elastic)
         return np.asarray(moved.T @ (model.stiffness @ moved))
 
     @cached_property
@@ -402,16 +469,23 @@ def coarser(reduced: ReducedAssembly, dt: float, cutoff: float) -> ReducedAssemb
     return coarse
 
 
-def without_matrices(reduced: ReducedAssembly) -> ReducedAssembly:
-    """The same without stiffness and damping of the tied assembly, which a march and its results do not need: what
-    follows from them is there."""
+def without_stiffness(reduced: ReducedAssembly) -> ReducedAssembly:
+    """The same without the stiffness of the tied assembly, which a march and its results do not need: what follows from
+    it is there."""
     for name in _OF_MATRICES:
         getattr(reduced, name)
-    none = sp.csr_array((0, 0))
-    lean = replace(reduced, tied=replace(reduced.tied, stiffness=none, damping=none))
-    fixed = {field.name for field in fields(reduced)}
-    lean.__dict__.update({name: value for name, value in reduced.__dict__.items() if name not in fixed})
+    lean = replace(reduced, tied=replace(reduced.tied, stiffness=sp.csr_array((0, 0))))
+    lean.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES})
     return lean
+
+
+def with_bodies(
+    reduced: ReducedAssembly, models: list[SubstructureModel], viscosities: Mapping[str, float]
+) -> ReducedAssembly:
+    """The same for bodies of equal stiffness and mass with other damping, loads and motion at t = 0."""
+    other = replace(reduced, tied=replace(reduced.tied, models=models), viscosities=viscosities)
+    other.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES})
+    return other
 
 
 def lowest(

@@ -10,7 +10,7 @@ forces are -K B d - C B d' - M B d''. Energies are those of the whole motion, B 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.initial_state import InitialState
-from ..assembly.models import ModelClass
+from ..assembly.models import KeptOperators, ModelClass, operator_parts
 from ..errors import SolverError
 from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
 from ..latin.probes import FacePlace, OutputRequest
@@ -38,12 +38,13 @@ from .reduced_assembly import (
     coordinates,
     marched_rows,
     strain_rows,
+    with_bodies,
     with_forces,
-    without_matrices,
+    without_stiffness,
 )
 from .rigid_parts import RigidParts
 from .static_assembly import against_ground
-from .tied_assembly import DAMPING, MASS, STIFFNESS, TiedAssembly, TieError
+from .tied_assembly import DAMPING, MASS, STIFFNESS, Joints, TiedAssembly, TieError
 
 _SEARCH: Final = 3.3  # factor on the search direction
 _SHARE: Final = 0.2  # of the inverse of the step: frequency up to which modes are taken
@@ -190,19 +191,26 @@ def reduced_march(
     start: InitialState | None,
     viscosities: Mapping[str, float],
     finer: ReducedMarch | None = None,
+    known: KeptOperators | None = None,
 ) -> ReducedMarch:
     """The reduced assembly of a scene.
 
     classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
     start : the equilibrium that the motion starts from. viscosities : b of the damping b K by strains, s, by body.
-    finer : of the same scene in shorter steps, whose modes up to 1 / ``COARSER`` of its cut-off are taken.
+    finer : of the same scene in shorter steps, whose modes up to 1 / ``COARSER`` of its cut-off are taken. known : of
+    scenes solved before, whose modes and operators are taken where what they depend on is equal.
 
     Raises
     ------
     TieError : an assembly that cannot be reduced.
     """
     units, dt = bodies.interfaces, bodies.dt
-    modes, cutoff = _modes(scene, classes, bodies, viscosities) if finer is None else _fewer_modes(finer, dt)
+    if known is None or finer is not None:
+        known = KeptOperators()
+    if finer is None:
+        modes, cutoff = _modes(scene, classes, bodies, viscosities, known)
+    else:
+        modes, cutoff = _fewer_modes(finer, dt)
     tied = modes.tied
     drives = drives_of(tied, modes, bodies)
     reduced = with_forces(modes, drives.forces)
@@ -210,9 +218,10 @@ def reduced_march(
     alone = [against_ground(units[i]) for i in relative]
     layout = Layout(alone)
     channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
-    model = _model(reduced, _start(tied, reduced, drives), layout, channels, _patches(alone, reduced, layout, finer))
+    patches = _patches(alone, reduced, layout, finer, known)
+    model = _model(reduced, _start(tied, reduced, drives), layout, channels, patches)
     try:
-        propagator = DirectPropagator([model], MasslessContact(), dt, True)
+        propagator = _propagator(model, dt, known)
     except SolverError as error:
         # they have no mass: what parts that nothing but contacts holds have, modes give
         what = f"relative motions of contacts have neither stiffness nor enough inertia in {reduced.n_mode} modes"
@@ -237,22 +246,58 @@ def reduced_march(
     assembly.begin(bodies.time, dt, ground, still)
     moved = np.concatenate([m.displacement for m in tied.models])
     stored = 0.5 * float(moved @ tied.times(STIFFNESS, moved))
-    return ReducedMarch(assembly, bodies, without_matrices(reduced), drives, relative, cutoff, stored)
+    return ReducedMarch(assembly, bodies, reduced, drives, relative, cutoff, stored)
+
+
+def _propagator(model: SubstructureModel, dt: float, known: KeptOperators) -> DirectPropagator:
+    """That of a reduced assembly, with the operators of one before where its matrices are equal."""
+
+    def propagator(twin: DirectPropagator | None = None) -> DirectPropagator:
+        return DirectPropagator([model], MasslessContact(), dt, True, twin)
+
+    first = known.again("reduced assembly", (dt, *operator_parts(model)), propagator)
+    if first.members[0] is model:
+        return first
+    return propagator(first)
 
 
 def _modes(
-    scene: Scene, classes: Sequence[ModelClass], bodies: Assembly, viscosities: Mapping[str, float]
+    scene: Scene,
+    classes: Sequence[ModelClass],
+    bodies: Assembly,
+    viscosities: Mapping[str, float],
+    known: KeptOperators,
 ) -> tuple[ReducedAssembly, float]:
     """Modes of the assembly, and the frequency up to which they are taken, Hz."""
     units, cutoff = bodies.interfaces, cutoff_of(scene, bodies.dt)
-    tied = TiedAssembly.of(classes, units, bodies.layout)
-    for i in (*tied.joints.bonded, *tied.joints.linear):
+    joints = Joints.of(units)
+    for i in (*joints.bonded, *joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    modes = ReducedAssembly.of(tied, RigidParts.of(tied, bodies.layout), bodies.dt, cutoff, viscosities)
-    if modes is None:
-        raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
-    return modes, cutoff
+
+    def modes() -> ReducedAssembly:
+        tied = TiedAssembly.of(classes, units, bodies.layout)
+        found = ReducedAssembly.of(tied, RigidParts.of(tied, bodies.layout), bodies.dt, cutoff, viscosities)
+        if found is None:
+            raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
+        return without_stiffness(found)
+
+    basis = known.again("modes", (cutoff, *_of_modes(classes, bodies, joints)), modes)
+    return with_bodies(basis, [m for c in classes for m in c.members], viscosities), cutoff
+
+
+def _of_modes(classes: Sequence[ModelClass], bodies: Assembly, joints: Joints) -> Iterator[Any]:
+    """All that the modes of a tied assembly and its static stiffness depend on, the frequency up to which they are
+    taken left out: no load, damping, gap, friction or motion at t = 0."""
+    yield from (bodies.dt, *joints, bodies.layout.area)
+    for c in classes:
+        yield c.channels
+        for m in c.members:
+            yield from (m.name, m.stiffness, m.inertia, m.expansion, m.trace, m.imposed_pattern, m.positions, m.nodal)
+    for i, unit in enumerate(bodies.interfaces):
+        yield from (unit.geometry.owner, unit.geometry.frames, *(bodies.layout.channels(i, side) for side in (0, 1)))
+        if i in joints.linear:
+            yield unit.behaviour.point_parameters(unit.geometry.n_point)
 
 
 def _fewer_modes(finer: ReducedMarch, dt: float) -> tuple[ReducedAssembly, float]:
@@ -302,7 +347,11 @@ def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) ->
 
 
 def _patches(
-    units: Sequence[InterfaceUnit], reduced: ReducedAssembly, layout: Layout, finer: ReducedMarch | None
+    units: Sequence[InterfaceUnit],
+    reduced: ReducedAssembly,
+    layout: Layout,
+    finer: ReducedMarch | None,
+    known: KeptOperators,
 ) -> list[Index]:
     """Rows of S, patch by patch: those of ``finer``, whose S it is, where there is one."""
     if finer is not None:
@@ -312,7 +361,8 @@ def _patches(
     places = [np.zeros((0, 3))]
     for j, unit in enumerate(units):
         places.append(np.repeat(unit.geometry.points, layout.channels(j, 0).shape[1], axis=0))
-    return partition(np.concatenate(places)[reduced.tied.exists], reduced.relative, OF_RESPONSE)
+    points = np.concatenate(places)[reduced.tied.exists]
+    return known.again("patches", (points, reduced.relative), lambda: partition(points, reduced.relative, OF_RESPONSE))
 
 
 def _model(

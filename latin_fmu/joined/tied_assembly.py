@@ -12,7 +12,7 @@ others imply are left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -258,7 +258,7 @@ class TiedAssembly:
     models : of the bodies. where : slices of their full dofs. joints : the interfaces. trace : (n_flat, n_full) from
     the full dofs of all bodies to the channels. expansion : [E Q, E R] (n_full, n). n_free : number of q. driven : D
     (n_full, n_motion). springs : (n_full, n_full) of the interfaces that have them.
-    stiffness, mass, damping : (n, n) on [q, r], N m-1, kg, N s m-1. channels : (n_r,) channel of side E of each r.
+    stiffness, mass : (n, n) on [q, r], N m-1, kg. channels : (n_r,) channel of side E of each r.
     exists : (n_channel,) whether the r of each channel exists. free : (n_free,) numbers of q among the reduced dofs of
     all bodies. rank : (n,) elimination order of [q, r], nested
     dissection; None where a body has no places.
@@ -274,7 +274,6 @@ class TiedAssembly:
     springs: sp.csr_array
     stiffness: sp.csr_array
     mass: sp.csr_array
-    damping: sp.csr_array
     channels: Index
     exists: NDArray[np.bool_]
     free: Index
@@ -300,9 +299,7 @@ class TiedAssembly:
         there = np.flatnonzero(elimination.exists)
         both = _narrow(sp.csr_array(expansion @ sp.hstack([elimination.q_part, elimination.r_part[:, there]])))
         springs = _springs(units, layout, trace, joints)
-        stiffness, mass, damping = (
-            _product(both, [_matrix(m, kind) for m in models]) for kind in (STIFFNESS, MASS, DAMPING)
-        )
+        stiffness, mass = (_product(both, [_matrix(m, kind) for m in models]) for kind in (STIFFNESS, MASS))
         stiffness = _ordered(stiffness + both.T @ springs @ both)
         shapes = driven + expansion @ elimination.driven
         rank = _rank(models, both, stiffness)
@@ -320,7 +317,6 @@ class TiedAssembly:
             springs,
             stiffness,
             mass,
-            damping,
             channels[there],
             elimination.exists,
             elimination.free,
@@ -332,6 +328,33 @@ class TiedAssembly:
     def n_relative(self) -> int:
         """Number of r."""
         return len(self.channels)
+
+    def projected(self, kind: int, motions: Array) -> Array:
+        """A^T M A (k, k) of motions A = E Q a of the free dofs, (n_free, k), and a matrix M of all bodies as in
+        ``times``, without the springs of interfaces."""
+        total = np.zeros((motions.shape[1], motions.shape[1]))
+        for model in self.models:
+            matrix = _matrix(model, kind)
+            if matrix.nnz:
+                moved = self.moved(model.name, motions)
+                total += moved.T @ (matrix @ moved)
+        return total
+
+    def rows_times(self, kind: int, rows: sp.csr_array, names: Collection[str]) -> sp.csr_array:
+        """Rows (k, n_full) times a matrix of the bodies ``names``, without those of the others and the springs of
+        interfaces; DAMPING with that of their modes."""
+        blocks = []
+        for model in self.models:
+            own = sp.csr_array(rows[:, self.where[model.name]])
+            block = own @ _matrix(model, kind) if model.name in names else sp.csr_array(own.shape)
+            if kind == DAMPING and model.name in names and model.modal_rows is not None:
+                block = block + sp.csr_array((own @ model.modal_rows.T) @ model.modal_rows)
+            blocks.append(sp.csr_array(block))
+        return sp.csr_array(sp.hstack(blocks))
+
+    def moved(self, name: str, motions: Array) -> Array:
+        """Full dofs (n_full, k) of a body by motions (n_free, k) of the free dofs."""
+        return np.asarray(self.expansion[self.where[name], : self.n_free] @ motions)
 
     def times(self, kind: int, motions: Array) -> Array:
         """A matrix of all bodies, STIFFNESS with the springs of interfaces, MASS or DAMPING, times motions (n_full,) or

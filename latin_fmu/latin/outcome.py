@@ -6,7 +6,7 @@ linear stage (they satisfy equilibrium exactly); the indicator measures the dist
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -428,6 +428,7 @@ class Outcome:
     ``interfaces_every`` : the fields of the interfaces are kept at every so many instants. ``stream`` : those at more
     instants than are in ``interfaces``, for the results file; None where these are all.
     ``resultants`` : of every elastic body at the end of a run without inertia, by substructure.
+    ``bond_resultants`` : normal resultants (n_time,), N, positive in compression, of bonds without histories.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
     ``interrupted`` : by what, a signal or its limit of CPU time; empty where it was not. ``faults`` : why its end
     is not trustworthy (``checks.run_checks``), none where it is.
@@ -455,6 +456,7 @@ class Outcome:
     bolts: dict[str, BoltHistory] = field(default_factory=dict)
     resultants: dict[str, Resultants] = field(default_factory=dict)
     stream: HistoryBlocks | None = None
+    bond_resultants: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def trustworthy(self) -> bool:

@@ -227,6 +227,8 @@ class OutputRequest:
     interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
     watch : whether the largest von Mises stresses of the bodies with a yield stress are kept.
+    contacts_alone : whether nothing is read of single points but the contacts of an assembly that is marched by its
+    modes; bond_resultants : whether the resultants of its bonds are then.
     """
 
     fields: bool = False
@@ -240,6 +242,8 @@ class OutputRequest:
     bolts: Mapping[str, BoltPlace] = field(default_factory=dict)
     faces: Mapping[str, FacePlace] = field(default_factory=dict)
     watch: bool = False
+    contacts_alone: bool = False
+    bond_resultants: bool = False
 
     def places(self, key: str) -> Mapping[str, Measured]:
         """Places of a kind of ``SERIES`` by name."""

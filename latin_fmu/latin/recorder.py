@@ -214,6 +214,10 @@ class Recorder:
         self._whole: Probes | None = None  # those of all nodes, where they are kept at every instant
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
+        self.unread = frozenset[str]()
+        """Names of interfaces that have no histories."""
+        self.bond_resultants: dict[str, Array] = {}
+        """Normal resultants (n_time,) of these by name, N, positive in compression, as far as they are requested."""
 
     @property
     def sliding(self) -> list[int]:

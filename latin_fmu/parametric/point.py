@@ -37,6 +37,7 @@ from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array
 from ..reader import scene_from_dict
 from ..results.groups import plain_name
+from ..results.interface_fields import Force
 from ..results.owner_records import BoltRecord, InterfaceRecord, SensorRecord
 from ..results.sensitivities import scalars_of
 from ..results.solution import Solution
@@ -444,8 +445,14 @@ class PointSolver:
     """
 
     def __init__(self, plan: Plan) -> None:
-        self.plan, self.kept, self.guesses = plan, KeptOperators(), FirstGuesses()
+        self.plan, self.guesses = plan, FirstGuesses()
+        self.kept = self._operators()
         self._lock = Lock()  # a worker of a cluster may have several threads
+
+    def _operators(self) -> KeptOperators:
+        """Those of no point yet."""
+        # samples have bands of histories, too
+        return KeptOperators(resultants_alone=not self.plan.histories and not self.plan.grid.samples)
 
     def solve(self, point: Index) -> Record:
         """The record of a point; an error in it becomes its message."""
@@ -460,14 +467,15 @@ class PointSolver:
             except Exception as error:  # a study outlives whatever one of its points does
                 record = failed(f"{type(error).__name__}: {error}")
             if record["state"] == FAILED:
-                self.kept = KeptOperators()  # operators may be half made
+                self.kept = self._operators()  # operators may be half made
             return {**record, "point": list(point), "cpu": clock.process_time() - start}
 
     def _solved(self, point: Index) -> Record:
         grid, guesses = self.plan.grid, self.guesses
         scene = grid.scene(point)
         guesses.begin(point, grid.place(point))
-        fields = guesses if self.plan.guesses else None
+        # windows of one instant begin with the instant before
+        fields = guesses if self.plan.guesses and scene.solver.window != 1 else None
         solution = api.solve(scene, kept=self.kept, fields=fields, max_cpu=self.plan.max_cpu)
         guesses.end(solution.passes, solution.converged)
         if solution.trustworthy:
@@ -507,7 +515,10 @@ def quantities_of(scene: Scene, solution: Solution) -> Record:
     if not solution.complete:
         return numbers
     time, end, whole = outcome.interface_time, scene.time.end, outcome.interfaces_every == 1
+    duration = scene.output.peak_duration
+    bonds = {name: Force(outcome.time, normal) for name, normal in outcome.bond_resultants.items()}
     records = [
+        *((INTERFACE, name, InterfaceRecord(force, end, duration, opens=False)) for name, force in bonds.items()),
         *((INTERFACE, name, InterfaceRecord.of(h, time, end, whole)) for name, h in solution.interfaces.items()),
         *((SENSOR, name, SensorRecord.of(h, solution.time)) for name, h in solution.sensors.items()),
         *((BOUNDARY, name, reaction) for name, reaction in solution.reactions.items()),

@@ -22,7 +22,17 @@ from ..scene.schema import Scene
 from .displaced_starts import displaced_start
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .places_at_rest import least_displaced
-from .statics import Stage, fitted, start_data, start_problems, start_remarks, static_size, static_state, tightened
+from .statics import (
+    Stage,
+    fitted,
+    start_data,
+    start_problems,
+    start_remarks,
+    static_operator_data,
+    static_size,
+    static_state,
+    tightened,
+)
 
 _LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
 
@@ -65,10 +75,16 @@ def undisplaced_equilibrium(
     """``starting_equilibrium`` without the initial displacements that are added to it."""
     if discretised.scene.time.start.type != "static":
         return None
-    store = store_of(discretised.scene)
+    store, known = store_of(discretised.scene), discretised.kept
     # derivatives need what was solved; laws of the caller have no digest
-    if stages is not None or store.folder is None or not all(map(_own_law, discretised.units)):
+    if stages is not None or not all(map(_own_law, discretised.units)):
         return solved_equilibrium(discretised, amplitudes, stages)
+    if store.folder is None:
+        if known is None:
+            return solved_equilibrium(discretised, amplitudes, stages)
+        operators: Kept = known.again("static operators", tuple(static_operator_data(discretised)), dict)
+        data = tuple(start_data(discretised, amplitudes))
+        return known.again("start", data, lambda: solved_equilibrium(discretised, amplitudes, None, operators))
     name = store.name("start", *start_data(discretised, amplitudes))
     # a state of a few numbers may have taken minutes
     made = store.remember(name, lambda: state_arrays(solved_equilibrium(discretised, amplitudes, None)), smallest=0)

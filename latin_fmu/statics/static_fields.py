@@ -19,7 +19,6 @@ from ..latin.assembly import Array, Assembly, Index
 from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
-from ..propagator.model import SubstructureModel
 from ..remarks import remarks_of
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic
@@ -122,13 +121,17 @@ class DisplacementHistories:
         """Write those of rows (k, n_full) to ``out`` (n_time, k)."""
         out[:] = self.of(rows, kind)
 
-    def sensed(self, rows: sp.csr_array, model: SubstructureModel) -> Array:  # noqa: ARG002, no branches at rest
-        """All three, and the displacements again, (n_time, 4, k)."""
-        return np.stack([self.of(rows, kind) for kind in (0, 1, 2, 0)], axis=1)
+    def sensed(self, rows: sp.csr_array) -> Array:
+        """All three, (3, n_time, k)."""
+        return np.stack([self.of(rows, kind) for kind in range(3)])
 
     def full(self, where: slice, kind: int, instants: Index | slice) -> Array:
         """Those of full dofs at instants, (n_instant, k)."""
         return np.asarray(self.histories[instants, kind, where])
+
+    def whole(self, kind: int, instant: int) -> Array:
+        """Displacements or velocities (n_full,) of all dofs at an instant."""
+        return np.asarray(self.histories[instant, kind])
 
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
         """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""

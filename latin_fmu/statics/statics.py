@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 import scipy.linalg as la
 
-from ..assembly.body import Body, body_sides
+from ..assembly.body import Body, body_sides, side_stiffness
 from ..assembly.bolts import BoltCut, check_yield
 from ..assembly.conditions import Conditions, conditions_on
 from ..assembly.initial_state import InitialState, TightBolts
@@ -465,6 +465,16 @@ def start_data(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> It
             yield from (part for load in member.loads for part in (load.name, load.pattern))
     for unit in whole.units:
         yield from (unit.name, unit.geometry.gap, unit.geometry.frames)
+
+
+def static_operator_data(whole: DiscretisedProblem) -> Iterator[Any]:
+    """All that the operators of the static problems of a scene depend on."""
+    yield from (whole.scene.solver, side_stiffness(whole.bodies, whole.units, whole.layout))
+    for c in whole.classes:
+        member = c.members[0]
+        yield from (c.key, member.stiffness, member.expansion, member.trace, member.channel_area)
+        yield from (member.imposed_pattern, member.positions)
+    yield from (cut.pattern for cut in whole.cuts.values())
 
 
 def something_acts(scene: Scene) -> bool:
