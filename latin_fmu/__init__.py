@@ -17,9 +17,9 @@ equations                                                              module
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, laws.dispatch
 (18)-(19)  points, normals, gap of an interface                        assembly.interfaces
-(20)-(23)  unilateral contact with Coulomb friction                    interface.laws, laws.contact
+(20)-(23)  unilateral contact; Coulomb friction: stick and slip        laws.contact, laws.parts
 (24)       error indicator; force residual                             kernels.indicator
-           loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
+           loop, relaxation, acceleration; from instant to instant     kernels.iteration, kernels.acceleration
                                                                        kernels.instants
            Newton steps where the iteration is slow                    kernels.newton, kernels.envelope, kernels.krylov
            windows, fall-backs                                         latin.windows, latin.solver

@@ -59,6 +59,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "__main__", "inside"),
 )
 NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
+MAPPED = ("checks", "cosim", "latin", "propagator", "statics")  # rooms whose docstring lists their modules
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
 FILE_CALLS = {
     "open",
@@ -402,6 +403,20 @@ def test_files_are_rooms() -> None:
     assert median(len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES) >= SMALLEST_MEDIAN
     deep = [str(m) for m in MODULES if len(m.parts) > 2]
     assert not deep, f"depth two: {deep}"
+
+
+@pytest.mark.parametrize("room", MAPPED)
+def test_a_map_of_a_room_names_its_modules(room: str) -> None:
+    """The table in the docstring of a folder: every module, and none that is not there."""
+    here = PACKAGE / room
+    lines = (ast.get_docstring(tree(Path(room) / "__init__.py")) or "").splitlines()
+    first, last = (i for i, line in enumerate(lines) if line.startswith("==="))
+    width = len(lines[first].split()[0])
+    named = [name.strip() for line in lines[first + 1 : last] for name in line[:width].split(",") if name.strip()]
+    modules = {path.stem for path in here.glob("*.py")} - {"__init__"}
+    folders = {path.name for path in here.iterdir() if path.is_dir() and not path.name.startswith("__")}
+    assert len(named) == len(set(named))
+    assert modules <= set(named) <= modules | folders
 
 
 def test_public_docstrings_say_something() -> None:

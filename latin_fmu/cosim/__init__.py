@@ -1,5 +1,20 @@
 """Co-simulation of a scene: a session advanced by communication steps, and the table of its variables.
 
+======================================  ===============================================================================
+variables, input_table, output_table    all variables of a scene; a row for each kind of input, for each output
+variable, signals                       a variable, its unit, JSON; how outputs follow from the fields of an instant
+runtime                                 in C: functions of the FMI (fmi2.c, fmi3.c), when they may be called (calls.c),
+                                        steps and why they are refused (run.c), variables (variables.c), saved states
+                                        (states.c), files of an FMU (image.c), results (results.c)
+c_runtime, engine, handed_run           its sources; the runtime as the engine of a session; the image it takes
+communication, table_file               image and table of variables as files; both are in a compiled FMU
+image_maker, started_run                the image of an FMU with Python, made for the values at the start
+session, settings, scene_engine         a session, its choices and reports, the engine of its scene
+loads, drives, segments                 what is set from outside; histories from it; a run segment by segment
+record, step_history                    what is kept of the accepted steps
+waveform_relaxation                     a master that iterates a step of coupled instances
+======================================  ===============================================================================
+
 The names below are imported when they are first used.
 """
 

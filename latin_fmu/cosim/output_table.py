@@ -112,8 +112,10 @@ class OutputKind:
     ----------
     name : last part of the name. unit : UDUNITS, empty for a whole number, which changes at events. meaning : with the
         words of the family in braces.
-    of : of an interface the values, (n,) or (n, 3), from ``FacePoints``; else rows over the signals, (1, n_signal) or
-        (3, n_signal), from ``Signals`` and the name of the owner. None: integral, or written by the kernels.
+    of : of an interface the values, (n,) or (n, 3), from ``FacePoints``: linear in its fields, as the rows over the
+        signals are made from unit fields, but for names in ``kernels.outputs.WRITTEN``; else rows over the signals,
+        (1, n_signal) or (3, n_signal), from ``Signals`` and the name of the owner. None: integral, or written by the
+        kernels.
     axes : axes of its numbers from the owner, a table of the scene; None for a scalar; empty where it has no such
         output.
     integral : of the output before it since the start, by the trapezoidal rule.

@@ -322,8 +322,8 @@ class ModalPropagatorTable(SceneTable):
     highest: Annotated[
         Real | None,
         about(
-            "frequency up to which modes are taken; without it four times the highest one of a spectrum, and a fifth "
-            "of the inverse of the step without any",
+            "frequency up to which modes are taken; without it a fifth of the inverse of the step; modes above 0.38 "
+            "times that inverse are never taken",
             "Hz",
             gt=0,
         ),
