@@ -346,6 +346,15 @@ def test_a_library_of_other_sources_is_refused(tree):
         assert "other sources" in str(library.opened(the_file(), tree))
 
 
+def test_the_docstring_of_a_folder_is_no_source(tree):
+    folder = tree / "kernels" / "__init__.py"
+    sources = library.sources_of(tree)
+    assert Path("kernels/records.py") in sources
+    assert Path("kernels/__init__.py") not in sources
+    folder.write_text(folder.read_text() + "NUMBER = 1\n")
+    assert library.sources_of(tree) == sorted([*sources, Path("kernels/__init__.py")])
+
+
 def test_files_that_are_no_library_are_refused(tmp_path):
     broken = tmp_path / "_kernels.so"
     broken.write_bytes(b"nothing")

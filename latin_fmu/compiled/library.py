@@ -54,8 +54,8 @@ def kernel_sources(package: Path) -> list[Path]:
 
 
 def sources_of(package: Path) -> list[Path]:
-    """Source files with kernels and all of the package that they import when they are loaded: what they compute depends
-    on these."""
+    """Source files with kernels and all of the package that they import when they are loaded, but for those of a
+    docstring alone: what they compute depends on these."""
     sources: set[Path] = set()
     todo = kernel_sources(package)
     while todo:
@@ -76,8 +76,14 @@ def _imported(package: Path, source: Path) -> Iterable[Path]:
         # what is imported may be a module itself
         for path in (base, *(base / alias.name for alias in node.names)):
             for file in (path.with_suffix(".py"), path / "__init__.py"):
-                if (package / file).is_file():
+                if (package / file).is_file() and _computes(package / file):
                     yield file
+
+
+def _computes(file: Path) -> bool:
+    """Whether a module is more than the docstring of a folder."""
+    tree = ast.parse(file.read_bytes())
+    return len(tree.body) != 1 or ast.get_docstring(tree) is None
 
 
 def digest_of(package: Path, sources: Iterable[Path], more: str = "") -> str:
