@@ -87,7 +87,7 @@ def test_a_limited_run_is_marked_and_goes_on(capsys: pytest.CaptureFixture[str])
     assert_equal(Path("whole.nc"), Path("out.nc"))
 
 
-@pytest.mark.parametrize(("window", "instants"), [(1, 60), (4, 24)])
+@pytest.mark.parametrize(("window", "instants"), [(1, 60), (4, 12)])
 def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(
     window: int, instants: int, tmp_path: Path
 ) -> None:
@@ -99,10 +99,10 @@ def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(
     while True:
         kept = latin_fmu.Checkpoint(place, resume=True, log=lambda _: None)
         solution = latin_fmu.solve(described, checkpoint=kept, max_cpu=0.15)
-        if solution.complete or parts == 200:  # far more on a busy machine
+        if solution.complete or parts == 2000:  # a busy machine stops far more often
             break
         parts += 1
-    assert 0 < parts < 200
+    assert 0 < parts < 2000
     assert np.array_equal(solution.interfaces["joint"].traction, whole.interfaces["joint"].traction)
     assert [w.iterations for w in solution.windows] == [w.iterations for w in whole.windows]
 

@@ -4,7 +4,8 @@ for a scene that differs in parameters which enter none or few of them.
 Friction, preload, amplitudes, laws and initial velocities change no operator; a time step changes the factors, a
 material the matrices too. What may be used again is decided by comparison: meshes and element matrices where the
 description of a body is equal, factors where all matrices of a class, the time scheme and the step are equal to the
-last bit. A key that is not listed here can therefore cost time, but never give other results.
+last bit, modes of the assembly likewise. A key that is not listed here can therefore cost time, but never give other
+results. Whether an assembly is marched by its modes is decided for the first scene.
 """
 
 from __future__ import annotations

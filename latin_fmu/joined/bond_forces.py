@@ -63,9 +63,9 @@ class BondForces:
 
     def sums(self, weights: dict[int, Array]) -> sp.csr_array:
         """Rows (k, n_full) that give sums of tractions of all bonds by forces g: of the bond ``i`` with the weights
-        (k, n_channel) of ``weights[i]``, by the transpose of what gives the tractions."""
+        (k, n_channel) of ``weights[i]``, by the transpose of what gives the tractions, whose system is symmetric."""
         wanted = np.hstack([weights[i] for i in self._bonded])
-        solved = self._factor.solve(np.ascontiguousarray(wanted.T), trans="T")
+        solved = self._factor.solve(np.ascontiguousarray(wanted.T))
         return sp.csr_array(sp.csr_array(np.asarray(self._weighted.T @ solved).T) @ self.rows)
 
     def carried(self, wanted: Array) -> dict[int, Array]:

@@ -42,5 +42,5 @@ def coarser_problem(
     count = -(-discretised.scene.time.n_step // 2)
     time = np.linspace(0.0, discretised.scene.time.end, count + 1)
     problem = modal_problem(replace(discretised, time=time), start, march)
-    contacts = {"contacts_alone": True, "bond_resultants": False, "supports": {}}
-    return replace(problem, output=replace(problem.output, energy=False, fields=False, stress=False, **contacts))
+    output = replace(problem.output, energy=False, fields=False, stress=False, supports={})
+    return replace(problem, output=replace(output, contacts_alone=True, bond_resultants=False))

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, WORK_OF_LOADS
+from ..kernels.energy_parts import N_TERM
 from ..latin.assembly import Array, Index
 from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
@@ -31,8 +31,9 @@ from ..propagator.forcing import STRAIN
 from ..propagator.model import SubstructureModel, closest_reduced
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
+from .recovered_energies import assembly_energies
 from .reduced_run import NAME, RELATIVE, ReducedMarch
-from .tied_assembly import MASS, STIFFNESS, jump_rows
+from .tied_assembly import jump_rows
 
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
@@ -290,7 +291,8 @@ class RecoveredRecorder(Recorder):
         self._read_series(n)
         self._recover_bodies()
         if request.energy:
-            self._energy = self._whole_energy(recorder)
+            histories = self._motions.modes, self._motions.relative
+            self._energy = assembly_energies(march, histories, recorder.series("energy"), self._layer_energy())
         else:
             self._energy = np.zeros((n, N_TERM))
         if request.energy:
@@ -424,55 +426,6 @@ class RecoveredRecorder(Recorder):
         for name in self.stresses.tables:
             if self._info[name].stress is not None:
                 self.stresses.look_at(name, self._nodes(name, 0, instants), instants, times)
-
-    # -- energies --------------------------------------------------------------------------------------------------
-    def _whole_energy(self, recorder: Recorder) -> Array:
-        """Energies (n, N_TERM) of the assembly: those of the march, and of the motion B d and the static responses to
-        the loads, which it is relative to."""
-        march, n = self._march, self.n_kept
-        tables: Mapping[Any, Array] = recorder.series("energy")
-        terms = tables[0][:, :, 0].copy()  # by number of the class
-        drives, reduced = march.drives, march.reduced
-        moved = drives.shapes.shape[1]
-        motions = self._motions
-        m = reduced.n_mode
-        modes, relative = motions.modes[:n], motions.relative[:n]
-        if moved and n > 1:
-            speed = np.gradient(relative, march.bodies.dt, axis=0)
-        else:
-            speed = np.zeros_like(relative)
-        k_d, m_d = (drives.shapes.T @ reduced.tied.times(kind, drives.shapes) for kind in (STIFFNESS, MASS))
-        d, rate = drives.motions[0, :, :n].T, drives.motions[1, :, :n].T
-        count = reduced.drives.shape[1]
-        of_stiffness, of_mass = (reduced.drives[:, count - k * moved : count - (k - 1) * moved] for k in (3, 1))
-        # forces on the march have the sign of their inertia reversed
-        inertia = modes[:, 1] @ of_mass[:m] + speed @ of_mass[m:]
-        springs = modes[:, 0] @ of_stiffness[:m] + relative @ of_stiffness[m:]
-        kinetic = 0.5 * np.einsum("ti,ij,tj->t", rate, m_d, rate) - (rate * inertia).sum(axis=1)
-        elastic = 0.5 * np.einsum("ti,ij,tj->t", d, k_d, d) - (d * springs).sum(axis=1)
-        elastic += self._static_energy(count - 3 * moved)
-        terms[:, KINETIC] += kinetic
-        terms[:, ELASTIC] += elastic
-        terms[:, WORK_OF_LOADS] += kinetic - kinetic[0] + elastic - elastic[0]
-        # that of the springs between sides belongs to the interfaces
-        layers = self._layer_energy()
-        terms[:, ELASTIC] -= layers
-        terms[:, INTERFACE_WORK] -= layers - layers[0]
-        return terms
-
-    def _static_energy(self, n_load: int) -> Array:
-        """Energy (n,), J, of the static responses to the loads of the scene that modes and relative motions leave."""
-        reduced = self._march.reduced
-        drives = self._march.drives
-        n = self.n_kept
-        first = reduced.rigid.shape[1]
-        m = reduced.n_mode
-        free = reduced.tied.n_free
-        flexibility = reduced.forces[:free, :n_load].T @ reduced.static_loads[:, :n_load]
-        modes = reduced.drives[first:m, :n_load]
-        flexibility = flexibility - modes.T @ (modes / reduced.marched.values[:, None])
-        a = drives.amplitudes[:n_load, :n].T
-        return np.asarray(0.5 * np.einsum("ti,ij,tj->t", a, flexibility, a))
 
     def _layer_energy(self) -> Array:
         """Energy (n,), J, of the springs between sides, which the march has among that of the bodies."""

@@ -93,7 +93,7 @@ class StaticSolver:
     def transposed(self, rows: sp.csr_array) -> Array:
         """A K+ (k, n_free) of rows A (k, n_free): K+ is symmetric. Those of runs before are taken again."""
         for before, found in self._rows:
-            if before.shape == rows.shape and not (before != rows).nnz:
+            if _equal(before, rows):
                 return found
         found = np.asarray(self.solve(rows.T.toarray()).T)
         self._rows = [*self._rows[-_MOST_ROWS:], (rows, found)]
@@ -121,6 +121,14 @@ class StaticSolver:
         moved = self._factor.held_solve(np.vstack([moved, np.zeros((self._n_relative, forces.shape[1]))]))
         moved = moved[: len(forces)]
         return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
+
+
+def _equal(first: sp.csr_array, second: sp.csr_array) -> bool:
+    """Whether two matrices have the same entries in the same order."""
+    if first.shape != second.shape or first.nnz != second.nnz:
+        return False
+    parts = (first.indptr, second.indptr), (first.indices, second.indices), (first.data, second.data)
+    return all(np.array_equal(one, other) for one, other in parts)
 
 
 def compressed(histories: Array, size: float) -> Array:

@@ -320,6 +320,8 @@ def work_of_error(pools: Any, window: int, power: float) -> float:
         return 0.0
     # what passes the interfaces in the window: of that much the loads put in what is not known yet
     put_in = max(put_in, work[run.measure + 2] * window * run.dt)
+    if put_in <= 0.0:
+        return 0.0
     share, budget = (SHARE, BUDGET) if run.from_last == 1 else (SHARE_OF_LONG, OF_LONG)
     share = share if window == 1 else SHARE_OF_WINDOW
     # a share of what the drift has left of the budget, but never less than LEAST of the whole

@@ -225,6 +225,7 @@ def test_frequencies_give_a_modulus(tmp_path: Path) -> None:
     assert "there are none of modes" in made.remarks[0]
 
 
+@pytest.mark.slow
 def test_a_backbone_gives_the_limit_of_friction(tmp_path: Path) -> None:
     """Of the first slider of a chain, in closed form; it goes further than the amplitudes aimed at, and the smallest
     datum is below the curve."""

@@ -87,6 +87,7 @@ def test_impulse_of_the_contact_is_that_of_the_solver(case, tmp_path):
     assert cpu < 20.0
 
 
+@pytest.mark.slow
 def test_more_modes_come_closer(tmp_path):
     """Two bars with a gap: 6 % off with 4 modes per body, 0.8 % with 24."""
     overrides, contact = CASES["beam_in_traction"]
@@ -184,6 +185,7 @@ def test_events_are_few_and_counted(pressed):
     np.testing.assert_allclose(shares, result["interface.crush.closed"])
 
 
+@pytest.mark.slow
 def test_stiffer_contact_penetrates_less(pressed):
     soft, stiff = (
         integrate(pressed, {"load.press.value": 1.0, "contactStiffness": k})[0]["interface.crush.smallestGap"].min()

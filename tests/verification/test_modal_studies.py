@@ -17,19 +17,19 @@ from latin_fmu.joined import reduced_assembly
 from latin_fmu.parametric.point import CONVERGED, Grid, Parameter, Plan, PointSolver, quantities_of
 from latin_fmu.results.solution import Solution
 from latin_fmu.stability.scenes import STEEL, Box, column
-from tests.verification.test_modal_march import CLAMP, PLATE, TIP, damped_by_ratios
+from tests.verification.test_modal_march import CLAMP, PLATE, SHAKE, TIP, damped_by_ratios
 
 RECOVERED = 2e-3  # of the largest: what the shapes of relative motions leave out of what follows from them
 
 
-def stacked(**solver: Any) -> dict[str, Any]:
+def stacked(held: dict[str, Any] = CLAMP, **solver: Any) -> dict[str, Any]:
     """Two plates with friction and a third one bonded on top, pressed and hit at its tip."""
     plate = Box(STEEL, PLATE, (8, 3, 2))
     scene = column(
         {"low": plate, "up": plate, "top": plate},
         {"lap": {"friction_coefficient": 0.3}, "glue": {"behaviour": "perfect"}},
         {"end": 3e-4, "step": 2e-6, "start": "static"},
-        boundary={"clamp": CLAMP},
+        boundary={"clamp": held},
         load={"press": {"face": "top.zmax", "pressure": 1e6, "law": "constant"}, "tip": TIP},
         sensor={"tip": {"face": "up.xmax"}},
         solver={"tolerance": 1e-5, "reduction_error": 0.9} | solver,
@@ -134,3 +134,24 @@ def test_points_of_a_study_are_marched_by_modes(bases: list[int]) -> None:
         assert set(owned["impulse"]) == {"lap", "glue"}
         for quantity, values in owned.items():
             assert record[quantity] == pytest.approx(values, rel=RECOVERED), quantity
+
+
+@pytest.mark.parametrize("held", [CLAMP, SHAKE], ids=["clamped", "driven"])
+def test_series_leave_nothing_out(held: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sensors and reactions do not depend on what shapes of relative motions leave out, and the resultant of a bond is
+    that of its tractions where these leave out nothing."""
+    scene = scene_from_dict(stacked(held))
+    runs = []
+    for left_out in (1e-9, 0.3):
+        monkeypatch.setattr(reduced_assembly, "_EXACT", left_out)
+        runs.append(solve(scene))
+    exact, crude = runs
+    assert np.array_equal(exact.sensors["tip"].acceleration, crude.sensors["tip"].acceleration)
+    assert np.array_equal(exact.reactions["clamp"].force, crude.reactions["clamp"].force)
+    resultant = exact.interfaces["glue"].normal_resultant()
+    size = np.abs(resultant).max()
+    assert np.abs(crude.interfaces["glue"].normal_resultant() - resultant).max() > 1e-2 * size
+    alone = solve(scene, kept=KeptOperators(resultants_alone=True))
+    assert "glue" not in alone.interfaces
+    assert np.abs(alone.outcome.bond_resultants["glue"] - resultant).max() < 1e-6 * size
+    assert np.array_equal(alone.interfaces["lap"].traction, exact.interfaces["lap"].traction)
