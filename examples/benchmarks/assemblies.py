@@ -1,6 +1,6 @@
 """Bolted assemblies marched in four ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
-    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON]
+    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep]
 
 ``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
 bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march for the
@@ -12,6 +12,9 @@ spectrum of each sensor up to 5 kHz.
 The box with all its joints bonded, undamped, and hit by a pressure on its lid: the march beside a linear transient of
 the merged mesh: HHT with one solution by the same Cholesky factor and one product with K and with M in a step, nothing
 recorded but the motion of the sensor, by which both are compared. Bonds iterated have matrices of the bodies alone.
+
+``--sweep`` prints instead what the points of a sweep of the friction of the box cost in one process: the first one, which
+makes the set-up, and those that follow, over a run of the scene itself without fields.
 
 ``--share`` shortens the runs, to see that it works. ``--former`` is the interpreter of an environment with a former
 version of this package, which runs in turn with the others as it marches by default (one is made by ``git worktree add
@@ -36,6 +39,7 @@ import numpy as np
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ENDS = {"electronics_box": 10e-3, "bolted_beam": 5e-3}  # s
 KINDS = ("iterate", "direct", "modal", "automatic")
+FRICTIONS = [round(0.1 + 0.03 * i, 2) for i in range(10)]
 BONDED = ("iterate", "with energies", "direct", "transient")
 HIT = """
 [boundary.base]
@@ -227,16 +231,49 @@ def compare_bonded(share: float, rounds: int) -> None:
         print(f"  {kind:14} {t:8.2f} s, {t / times['transient']:.2f} of the transient, velocity differs by {off:.1e}")
 
 
+def sweep_apart(share: float) -> dict[str, Any]:
+    """Seconds of the processor of a run of the box, and of the points of a sweep of its friction."""
+    import latin_fmu
+
+    scene = latin_fmu.load_scene(MODELS / "electronics_box" / "scene.toml")
+    scene = scene.replace("time.end", share * ENDS["electronics_box"]).replace("output.fields", False)
+    begin = process_time()
+    latin_fmu.solve(scene)
+    alone = process_time() - begin
+    begin = process_time()
+    study = latin_fmu.sweep(scene, {"contact.joints.friction_coefficient": FRICTIONS})
+    whole = process_time() - begin
+    return {"alone": alone, "whole": whole, "points": study.cpu.values.tolist(), "states": study.state.values.tolist()}
+
+
+def compare_sweep(share: float, rounds: int) -> None:
+    """Print the points of a sweep beside a run."""
+    runs = [apart(share, "sweep", "points") for _ in range(rounds)]
+    alone, whole = (median(run[key] for run in runs) for key in ("alone", "whole"))
+    first = median(run["points"][0] for run in runs)
+    later = median(t for run in runs for t in run["points"][1:])
+    print(f"electronics_box, {len(FRICTIONS)} frictions in one process: {10 * share:g} ms, medians of {rounds}")
+    print(f"  a run {alone:.1f} s, the first point {first:.1f} s, each of the others {later:.1f} s")
+    print(f"  a later point over a run {later / alone:.2f}, the sweep over a run {whole / alone:.2f}")
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--share", type=float, default=1.0, help="of the time of each run")
     parser.add_argument("--former", help="interpreter of an environment with a former version")
+    parser.add_argument("--sweep", action="store_true", help="what the points of a sweep cost")
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if given.one == ["sweep", "points"]:
+        print(json.dumps(sweep_apart(given.share)))
+        return
     if given.one:
         print(json.dumps(bonded(*given.one, given.share) if len(given.one) == 1 else one(*given.one, given.share)))
+        return
+    if given.sweep:
+        compare_sweep(given.share, given.rounds)
         return
     compare_bonded(given.share, given.rounds)
     for model in ENDS:

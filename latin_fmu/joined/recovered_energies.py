@@ -20,8 +20,8 @@ def assembly_energies(
     static responses to the loads, which it is relative to.
 
     histories : of the modes, displacements, velocities and accelerations (n_time, 3, n_mode), and of the relative
-    motions (n_time, n_r). tables : of the march by number of the class. layers : energy (n_time,) of the springs between sides, which the
-    march has among that of the bodies, and which belongs to the interfaces.
+    motions (n_time, n_r). tables : of the march by number of the class. layers : energy (n_time,) of the springs
+    between sides, which the march has among that of the bodies, and which belongs to the interfaces.
     """
     n = len(layers)
     terms = tables[0][:, :, 0].copy()
