@@ -13,8 +13,9 @@ The box with all its joints bonded, undamped, and hit by a pressure on its lid: 
 the merged mesh: HHT with one solution by the same Cholesky factor and one product with K and with M in a step, nothing
 recorded but the motion of the sensor, by which both are compared. Bonds iterated have matrices of the bodies alone.
 
-``--sweep`` prints instead what the points of a sweep of the friction of the box cost in one process: the first one, which
-makes the set-up, and those that follow, over a run of the scene itself without fields.
+``--sweep`` prints instead what the points of a sweep of the friction of the box cost in one process: the first one,
+which makes the set-up, and those that follow, over a run of the scene itself without fields. Shortened runs are not
+marched by modes.
 
 ``--share`` shortens the runs, to see that it works. ``--former`` is the interpreter of an environment with a former
 version of this package, which runs in turn with the others as it marches by default (one is made by ``git worktree add

@@ -588,8 +588,7 @@ def test_the_table_of_flags_counts_what_runs_replace() -> None:
 
 
 @pytest.mark.parametrize(
-    "case",
-    [pytest.param(MATERIALS, id="materials"), pytest.param(BOLTED, id="tightened bolt", marks=pytest.mark.slow)],
+    "case", [pytest.param(MATERIALS, id="materials"), pytest.param(BOLTED, id="tightened bolt", marks=pytest.mark.slow)]
 )
 def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Copies with the operators of the run share its classes, others have their own; friction and a bolt force change
