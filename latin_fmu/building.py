@@ -135,6 +135,10 @@ def discretise(
     _stop_at(problems)
     remarks: list[Remark] = []
     files: list[str] = []
+    if kept is None:
+        known = KeptOperators()
+    else:
+        known = kept
     store_of(scene).recount()
     scene = _damped(scene, remarks)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks, files)
@@ -146,17 +150,13 @@ def discretise(
     if any(s.initial_fields for s in scene.substructure.values()):
         check_fields(bodies, problems, remarks)
     if scene.contact:
-        scene = with_found(scene, bodies, problems, remarks)
+        scene = with_found(scene, bodies, problems, remarks, known)
         remarks += remarks_of("unjoined", unconnected_remarks(scene, bodies))
         scene = _damped(scene, remarks)  # the interfaces found
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
     explicit = scene.time.scheme.type == CENTRAL  # central differences need diagonal dashpots
-    if kept is None:
-        known = KeptOperators()
-    else:
-        known = kept
     conditions = {
         name: _conditions(body, scene.boundaries_of(name), scene.ports_of(name), explicit, problems, known)
         for name, body in bodies.items()

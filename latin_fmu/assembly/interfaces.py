@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,7 +31,7 @@ from .body import Body, build_bodies, own_points
 from .clearances import TOUCHING, initial_opening
 from .conditions import Conditions
 from .face_pairs import MATCHING, FacePair, Side, by_mortar, node_by_node, on_plane
-from .models import KeptOperators
+from .models import KeptOperators, Made
 from .threads import with_threads
 
 _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
@@ -59,11 +60,20 @@ def completed(scene: Scene) -> Scene:
     return whole
 
 
-def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remarks: list[Remark] | None = None) -> Scene:
+def with_found(
+    scene: Scene,
+    bodies: dict[str, Body],
+    problems: Problems,
+    remarks: list[Remark] | None = None,
+    known: KeptOperators | None = None,
+) -> Scene:
     """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``, pairs
-    that touch at an edge or a point only, or on faces beside those of their own interfaces, to ``remarks``."""
+    that touch at an edge or a point only, or on faces beside those of their own interfaces, to ``remarks``; ``known`` :
+    of the scene solved last, whose distances are taken where its meshes are the same."""
     if not scene.contact:
         return scene
+    if known is None:
+        known = KeptOperators()
     edges: list[str] = []
     # pairs joined by hand are left alone
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
@@ -80,12 +90,13 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             if pair in taken or pair in table.exceptions:
                 continue
             # twice the search: an overlap beyond it is told apart from faces far away
-            area, depth = _common(one, other, table.search)
+            near = _NearPair((bodies[first], one), (bodies[second], other), table.search, known)
+            area, depth = near.common()
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
                 # a free shank that fills its hole: it touches, on faces that take no part
                 if any(bodies[n].touching != ALL_OF_IT for n in pair) and _touch(bodies, pair, table.search):
                     continue
-                depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
+                depth = near.sunk()
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
                 # names of interfaces found before count, too
@@ -100,7 +111,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
                     f"at most {table.search:g} {scene.unit_system['m']}",
                     "move the meshes apart, or leave the pair out by except",
                 )
-            elif remarks is not None and _meet(one, other, table.search):
+            elif remarks is not None and near.meet():
                 edges.append(f"{first} and {second}")
     if remarks is not None and edges:
         if len(edges) > _NAMED:
@@ -111,6 +122,33 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
         remedy = "give them faces that are opposite each other, or except them"
         remarks.append(Remark("edge", f"{', '.join(edges[:_NAMED])}{more} meet {text}; {remedy}"))
     return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
+
+
+class _NearPair(NamedTuple):
+    """Two bodies with their surfaces, within a search, m; distances of the scene solved last are taken from ``known``
+    where meshes and surfaces are the same."""
+
+    first: tuple[Body, Surface]
+    second: tuple[Body, Surface]
+    search: float
+    known: KeptOperators
+
+    def _again(self, what: str, measure: Callable[[], Made]) -> Made:
+        one, other = self.first[0], self.second[0]
+        data = one.mesh, one.touching, other.mesh, other.touching, self.search
+        return self.known.again(f"{what} of {one.name} and {other.name}", data, measure)
+
+    def common(self) -> tuple[float, float]:
+        """``_common`` area and overlap."""
+        return self._again("faces", lambda: _common(self.first[1], self.second[1], self.search))
+
+    def sunk(self) -> float:
+        """How deep one body lies in the other, m."""
+        return self._again("depth", lambda: _sunk(self.first, self.second, self.search))
+
+    def meet(self) -> bool:
+        """Whether the surfaces ``_meet`` anywhere."""
+        return self._again("edges", lambda: _meet(self.first[1], self.second[1], self.search))
 
 
 def _left_open(

@@ -18,6 +18,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
+from ..assembly.models import KeptOperators
 from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
 from ..assembly.propagator_choice import modes_refused
 from ..fem.contact_layer import longest_edge
@@ -172,5 +173,8 @@ def _relative(discretised: DiscretisedProblem) -> int:
 def _long_steps(discretised: DiscretisedProblem) -> bool:
     """Whether waves cross every element of every elastic body within a step."""
     bodies = [body for body in discretised.bodies.values() if not body.rigid]
-    transits = [longest_edge(b.shape.mesh) / b.shape.fast_elasticity.bar_speed for b in bodies]
+    meshes = [body.shape.mesh for body in bodies]
+    known = discretised.kept or KeptOperators()
+    edges = known.again("longest edges", tuple(meshes), lambda: [longest_edge(mesh) for mesh in meshes])
+    transits = [edge / b.shape.fast_elasticity.bar_speed for edge, b in zip(edges, bodies, strict=True)]
     return bool(transits) and max(transits) <= discretised.dt

@@ -57,7 +57,7 @@ _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
-_OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "beyond")  # of the tied assembly
+_OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "beyond", "of_bodies")  # of the tied assembly
 _EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
 _COLUMNS: Final = 40  # that are solved together: vectors of all dofs
@@ -313,14 +313,14 @@ class ReducedAssembly:
         rest = self.damping.copy()
         for name, viscosity in self.viscosities.items():
             if viscosity:
-                rest[first:, first:] -= viscosity * self._stiffness_of(name)
+                rest[first:, first:] -= viscosity * self.of_bodies[name]
         return rest
 
-    def _stiffness_of(self, name: str) -> Array:
-        """Phi^T K Phi (m, m) of a body in the elastic modes."""
-        model = next(m for m in self.tied.models if m.name == name)
-        moved = self.tied.moved(name, self.elastic)
-        return np.asarray(moved.T @ (model.stiffness @ moved))
+    @cached_property
+    def of_bodies(self) -> dict[str, Array]:
+        """Phi^T K Phi (m, m) of each body in the elastic modes."""
+        moved = ((model, self.tied.moved(model.name, self.elastic)) for model in self.tied.models)
+        return {model.name: np.asarray(motions.T @ (model.stiffness @ motions)) for model, motions in moved}
 
     @cached_property
     def poles(self) -> tuple[Array, Array]:
@@ -342,7 +342,7 @@ class ReducedAssembly:
         shares: dict[MaxwellBranches, Array] = {}
         for model in self.tied.models:
             if len(model.branches):
-                share = self._stiffness_of(model.name).diagonal()
+                share = self.of_bodies[model.name].diagonal()
                 shares[model.branches] = shares.get(model.branches, 0.0) + share
         return list(shares.items())
 
@@ -401,7 +401,7 @@ class ReducedAssembly:
         the bodies by their strain energy in the elastic modes."""
         total = damped = 0.0
         for model in self.tied.models if len(self.values) else ():
-            energy = float((self._stiffness_of(model.name).diagonal() / self.values).sum())
+            energy = float((self.of_bodies[model.name].diagonal() / self.values).sum())
             total += energy
             damped += energy * self.viscosities.get(model.name, 0.0)
         if total > 0.0:
@@ -473,7 +473,8 @@ def coarser(reduced: ReducedAssembly, dt: float, cutoff: float) -> ReducedAssemb
     # what follows from matrices that may be gone
     of_modes = {name: getattr(reduced, name)[np.ix_(every, every)] for name in ("damping", "drag")}
     same = {name: getattr(reduced, name) for name in ("coupling", "rigid_share", "beyond")}
-    coarse.__dict__.update(of_modes | same | {"gamma": reduced.gamma[some]})
+    of_bodies = {name: part[np.ix_(some, some)] for name, part in reduced.of_bodies.items()}
+    coarse.__dict__.update(of_modes | same | {"gamma": reduced.gamma[some], "of_bodies": of_bodies})
     return coarse
 
 
