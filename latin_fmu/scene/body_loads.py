@@ -96,7 +96,7 @@ class BodyLoadKind(ABC):
         """The body that a load is described with; None where it has a table of its own."""
         return None
 
-    def given(self, scene: Any) -> Mapping[str, Any]:
+    def tables_of(self, scene: Any) -> Mapping[str, Any]:
         """Tables of a scene by name, one without a name by an empty one, whether they act or not."""
         tables = getattr(scene, self.tables)
         if isinstance(tables, dict):
@@ -285,5 +285,5 @@ class BodyLoad:
 def body_loads_of(scene: Any) -> Iterator[BodyLoad]:
     """Loads of whole bodies of a scene, those that multiply their law by 0 among them."""
     for kind in BODY_LOADS:
-        for name, table in kind.given(scene).items():
+        for name, table in kind.tables_of(scene).items():
             yield BodyLoad(kind, name, table)
