@@ -265,7 +265,7 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         return Problem(where, what, value)
     wanted = allowed_text(field_at(root, location), item=isinstance(location[-1], int))
     if kind == "missing":
-        return Problem(where, what, None, allowed)
+        return Problem(where, what, None, wanted)
     return Problem(where, what, value, wanted)
 
 
