@@ -63,7 +63,7 @@ class StepHistory:
     def __init__(self) -> None:
         self.head: Link | None = None
         self._forgotten = ""  # identity of a last step that is not in memory
-        self._known: WeakValueDictionary[str, Link] = WeakValueDictionary()
+        self._links: WeakValueDictionary[str, Link] = WeakValueDictionary()
         self._recent: deque[Link] = deque(maxlen=self.RECENT)
 
     @property
@@ -76,13 +76,13 @@ class StepHistory:
     def append(self, step: AcceptedStep) -> None:
         """Add a step after the last one."""
         self.head = Link(step, self.head, self.identity)
-        self._known[self.head.identity] = self.head
+        self._links[self.head.identity] = self.head
         self._recent.append(self.head)
 
     def move_to(self, identity: str) -> None:
         """Make the step with this identity the last one."""
         # not known any more: None, so that the history begins anew behind that identity
-        self.head, self._forgotten = self._known.get(identity), identity
+        self.head, self._forgotten = self._links.get(identity), identity
 
     def clear(self) -> None:
         """Remove all steps."""
