@@ -71,6 +71,12 @@ class PlaceOnBody:
         side: float = float(self.body.shape.elements.volume.mean()) ** (2 / 3)  # of a cube
         return side
 
+    def trace_at(self, *points: Array) -> sp.csr_array | None:
+        """Velocities of the body at the points (3,), (3 n_point, 3 n_node); None of the ground."""
+        if self.motion is None:
+            return None
+        return sp.csr_array(sp.vstack([self.motion.at(point) for point in points]))
+
 
 @dataclass(frozen=True)
 class PlaceOnFace(PlaceOnBody):
@@ -227,7 +233,7 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
         # the ground is infinite: the area is that of the body
         area = min(end.area for end in ends if end is not None)
         frames = local_frames((line / length)[None])
-        traces = tuple(None if end.motion is None else end.motion.at(end.point) for end in (first, second))
+        traces = first.trace_at(first.point), second.trace_at(second.point)
         assert traces[0] is not None
         geometry = InterfaceGeometry(
             first.point[None], np.array([area]), frames, np.zeros(1), (traces[0], traces[1]), 0, False
@@ -267,7 +273,7 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
 
 def _ball_joint(ends: list[PlaceOnBody], point: Array, area: float) -> InterfaceGeometry:
     """One point (3,), m, whose translations are joined."""
-    first, second = (None if end.motion is None else end.motion.at(point) for end in ends)
+    first, second = (end.trace_at(point) for end in ends)
     assert first is not None
     return InterfaceGeometry(
         point[None], np.array([area]), local_frames(np.eye(3)[:1]), np.zeros(1), (first, second), 0, False
@@ -280,9 +286,7 @@ def _rods(ends: list[PlaceOnBody], point: Array, length: float, area: float) -> 
     directions = np.repeat(axes, 2, axis=0)
     # two points for each axis i, on either side of p along the next axis
     points = point + length * np.stack([s * axes[(i + 1) % 3] for i in range(3) for s in (1.0, -1.0)])
-    traces: list[sp.csr_array | None] = [
-        None if end.motion is None else sp.csr_array(sp.vstack([end.motion.at(p) for p in points])) for end in ends
-    ]
+    traces = [end.trace_at(*points) for end in ends]
     assert traces[0] is not None
     return InterfaceGeometry(
         points, np.full(6, area / 6), local_frames(directions), np.zeros(6), (traces[0], traces[1]), 0, False

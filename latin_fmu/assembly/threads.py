@@ -426,7 +426,14 @@ class _Screw:
 
 def face_name(bolt: str, number: int = 1) -> str:
     """Name of the faces that a thread of a bolt is bonded on, on both bodies; ``number`` : of its threads, from 1."""
-    return f"thread_of_{bolt}" + (f"_{number}" if number > 1 else "")
+    return _numbered(f"thread_of_{bolt}", number)
+
+
+def _numbered(name: str, number: int) -> str:
+    """A name with a number from 2 on."""
+    if number > 1:
+        return f"{name}_{number}"
+    return name
 
 
 def with_threads(
@@ -481,7 +488,7 @@ def _bond(
 ) -> None:
     """Bond the thread ``number`` of a screw to a part: a face of both bodies and an interface more."""
     (name, engagement), length = part, screw.thread.length
-    face, name_of_bond = face_name(screw.name, number), f"{screw.name}_thread" + (f"_{number}" if number > 1 else "")
+    face, name_of_bond = face_name(screw.name, number), _numbered(f"{screw.name}_thread", number)
     bond = screw.interface(name, face)
     if interfaces.get(name_of_bond, bond) != bond:
         what = f"the bond of the thread of bolt {screw.name} has this name"

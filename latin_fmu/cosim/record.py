@@ -98,7 +98,9 @@ class Record:
         run = self._run
         assembly = run.problem.assembly
         energy = recorder.assembly_energy(assembly)
-        stored = None if energy is None else float(energy["kinetic"][0] + energy["elastic"][0])
+        stored = None
+        if energy is not None:
+            stored = float(energy["kinetic"][0] + energy["elastic"][0])
         converged, sentence = run.run.status(energy, stored)
         histories = recorder.sensors(assembly), recorder.reactions(assembly), recorder.bolt_histories()
         time, windows = assembly.time[: recorder.n_kept], run.run.windows

@@ -108,8 +108,10 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
     curves: dict[str, Curve] = {}
     for name, (_, curve) in before.items():
         first = rule_of(name, rule, steps[0].rate[name])
-        # a line starts from the value reached, which is not among those of the step
-        times, values = [0.0], [curve[-1] if first == LINE else steps[0].value[name]]
+        times, values = [0.0], [steps[0].value[name]]
+        if first == LINE:
+            # a line starts from the value reached, which is not among those of the step
+            values = [curve[-1]]
         for step in steps:
             value, h = step.value[name], step.end - step.start
             step_rule = rule_of(name, rule, step.rate[name])
@@ -117,8 +119,10 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
             if step_rule != LINE and value != values[-1]:
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)
+            if step_rule not in (HOLD, LINE):
+                value = value + step.rate[name] * h
             times.append(step.end - t0)
-            values.append(value if step_rule in (HOLD, LINE) else value + step.rate[name] * h)
+            values.append(value)
         curves[name] = (tuple(times), tuple(values))
     return curves
 

@@ -332,7 +332,9 @@ class Probes:
                         self.massless.add(name)
             if whole:
                 blocks += [nodes_of(model)]
-            self._nodes.append(blocks[-1].shape[0] if whole else 0)
+                self._nodes.append(blocks[-1].shape[0])
+            else:
+                self._nodes.append(0)
             self.rows.append(_stacked(blocks))
 
     def _sensed(self, image: Image, c: int, rows: slice) -> Array | None:

@@ -375,7 +375,10 @@ class Recorder:
         histories = {}
         for name, bolt in self.request.bolts.items():
             q = bolt.description.plastic_elongation
-            q = None if q is None else q[: self.n_kept]
+            if q is None:
+                q = None
+            else:
+                q = q[: self.n_kept]
             histories[name] = replace(bolt.description, force=forces[name], plastic_elongation=q)
         return histories
 

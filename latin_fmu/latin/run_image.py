@@ -383,7 +383,10 @@ class Stages:
         """Acceleration of the next iterations by the settings; ``relaxed`` : relaxation RELAXATION alone; ``again`` :
         after a fall-back."""
         plain = relaxed or (again and settings.anderson_depth == 0)
-        depth, relaxation = (0, RELAXATION) if plain else (settings.anderson_depth, settings.relaxation)
+        if plain:
+            depth, relaxation = 0, RELAXATION
+        else:
+            depth, relaxation = settings.anderson_depth, settings.relaxation
         self.image.set({"depth": depth, "relaxation": relaxation})
 
     def iterations(self, counts: tuple[int, int, int, int], look: Callable[[int, int, int], None]) -> int:

@@ -273,7 +273,11 @@ class Propagator(ABC):
         self.state.detach()
         self.k: Array = np.zeros((self.n_channel, 1))
         self.single, self.tables = False, dict[str, Table]()
-        self._condensed: Any = operators.factor if self.swept else operators.compliance  # for k = 0
+        # for k = 0
+        if self.swept:
+            self._condensed: Any = operators.factor
+        else:
+            self._condensed = operators.compliance
 
     def bind(self, k: Array, single: bool = False) -> None:
         """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k). ``single``:

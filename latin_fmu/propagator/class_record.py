@@ -475,9 +475,10 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
 
 def in_response_patches(propagator: Any, live: Index) -> Patches:
     """Y of a class in patches."""
-    tolerance, kind = (OF_RESPONSE, np.float32) if propagator.single else (EXACT, np.float64)
-    response = propagator.condensed[np.ix_(live, live)]
-    return in_patches(response, propagator.operators.face.patches, tolerance, kind)
+    response, patches = propagator.condensed[np.ix_(live, live)], propagator.operators.face.patches
+    if propagator.single:
+        return in_patches(response, patches, OF_RESPONSE, np.float32)
+    return in_patches(response, patches, EXACT, np.float64)
 
 
 def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:

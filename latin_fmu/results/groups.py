@@ -74,7 +74,9 @@ class StoredGroup:
         ``values`` (None for a number that is not finite)."""
         entries: dict[str, Any] = {name: _plain(np.asarray(value)) for name, value in self.attrs.items()}
         for name, variable in self.variables.items():
-            units = {"units": variable.attrs["units"]} if "units" in variable.attrs else {}
+            units = {}
+            if "units" in variable.attrs:
+                units = {"units": variable.attrs["units"]}
             entries[name] = {"dims": list(variable.dims), **units, "values": _plain(variable.values)}
         return entries
 

@@ -277,7 +277,9 @@ class InterfaceFields:
         duration = None
         if "peak_force" in dataset:
             duration = dataset["peak_force"].attrs["peak_duration"]
-        wanted = ("gap", "velocity") if motion else ()
+        wanted: tuple[str, ...] = ()
+        if motion:
+            wanted = ("gap", "velocity")
         moved = (dataset[name].values if name in dataset else None for name in wanted)
         return cls(time, areas, normals, traction, status, duration, *moved)
 

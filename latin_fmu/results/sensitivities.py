@@ -196,7 +196,9 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                 replace(q, changes=np.where(taken, slopes, q.changes), flagged=np.asarray(q.flagged & ~taken))
             )
         tried = tuple(d.name for d, run in zip(self.derivatives, runs, strict=True) if run is not None)
-        return replace(self, quantities=quantities, secants=secants if tried else {}, tried=tried)
+        if not tried:
+            secants = {}
+        return replace(self, quantities=quantities, secants=secants, tried=tried)
 
     def is_secant(self, q: QuantitySensitivity) -> NDArray[np.bool_]:
         """Whether each change of a quantity is that of a run with a larger parameter."""

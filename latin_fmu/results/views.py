@@ -206,7 +206,9 @@ def amplitude_spectrum(tree: xr.DataTree, sensor: str, quantity: str = "accelera
     n, step = len(history), float(history["time"][1] - history["time"][0])
     amplitude = np.abs(np.fft.rfft(history.values, axis=0)) * (2.0 / n)
     # the mean and, of an even number, half the sampling rate have no mirror image
-    amplitude[[0, -1] if n % 2 == 0 else [0]] *= 0.5
+    amplitude[0] *= 0.5
+    if n % 2 == 0:
+        amplitude[-1] *= 0.5
     coords = {"frequency": ("frequency", np.fft.rfftfreq(n, step), {"units": "Hz", "long_name": "frequency"})}
     template = history.drop_vars("time").rename(time="frequency").isel(frequency=slice(len(amplitude)))
     return template.copy(data=amplitude).assign_coords(coords)

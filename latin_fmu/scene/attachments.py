@@ -272,7 +272,10 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
             place = _as_end(end)
             if isinstance(place, Mapping) and place.get("substructure") != GROUND:
                 yield from _place_problems(raw, f"{where}.ends[{i}]", place)
-        for used in (name, name + DASHPOT) if key == "spring" else (name,):
+        names = [name]
+        if key == "spring":
+            names.append(name + DASHPOT)
+        for used in names:
             if used in taken:
                 yield Problem(
                     where, f"the results of {taken[used]} {used} have this name", name, None, "choose another name"

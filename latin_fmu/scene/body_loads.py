@@ -120,14 +120,13 @@ class BodyLoadKind(ABC):
 
     def at_rest(self, data: Tables, name: str, _still: Sequence[str], law: Tables | None, /) -> None:
         """Give a load another law in the tables ``data`` of a scene of these bodies; None takes the load out."""
+        tables, key = data, self.tables
         if name:
-            tables = data[self.tables]
-        else:
-            tables = data
+            tables, key = data[self.tables], name
         if law is None:
-            tables.pop(name or self.tables)
+            tables.pop(key)
         else:
-            (tables[name] if name else tables[self.tables])[self.law_key] = law
+            tables[key][self.law_key] = law
 
 
 class BodyForceKind(BodyLoadKind):

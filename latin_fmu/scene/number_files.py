@@ -350,6 +350,13 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
             yield number, line.strip(" ") if "\t" in line else stripped
 
 
+def _words(text: str) -> list[str]:
+    """Cells between blanks; a unit in brackets belongs to the name before it."""
+    if "[" in text or "(" in text:
+        return _WORDS.findall(text)
+    return text.split()
+
+
 def _splitter(lines: Sequence[str]) -> Any:
     """Function from a line to its cells, by the separator that the first line of numbers has; empty cells at the end
     are left out."""
@@ -360,9 +367,10 @@ def _splitter(lines: Sequence[str]) -> Any:
     if separator == "," and len(between) > 1 and all(number_in(cell) is not None for cell in between):
         separator = None
     if separator is None:
-        # a unit in brackets belongs to the name before it
-        return lambda text: _WORDS.findall(text) if "[" in text or "(" in text else text.split()
-    pattern = re.compile(rf"\s*{separator}\s*" if separator != "\t" else r" *\t *")
+        return _words
+    pattern = re.compile(rf"\s*{separator}\s*")
+    if separator == "\t":
+        pattern = re.compile(r" *\t *")
 
     def cells(text: str) -> list[str]:
         if '"' in text:

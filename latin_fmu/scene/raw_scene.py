@@ -124,7 +124,9 @@ _MAX_LISTED = 12
 def unknown_name(where: str, kind: str, name: str, tables: Iterable[str]) -> Problem:
     """The problem of a name that no table has."""
     names = sorted(name for name in tables if NAME_PATTERN.fullmatch(name))
-    listed = ", ".join(names[:_MAX_LISTED]) + (", ..." if len(names) > _MAX_LISTED else "")
+    listed = ", ".join(names[:_MAX_LISTED])
+    if len(names) > _MAX_LISTED:
+        listed += ", ..."
     return Problem(where, f"no {kind} of this name", shown(name), listed, did_you_mean(name, names))
 
 

@@ -266,7 +266,7 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
         found.append(f"samples are missing from {times[i]:.6g} s to {times[i + 1]:.6g} s{more}")
         values.append(f"an interval of {steps[i] / median:.3g} medians")
         remedies.append('gaps = "linear" takes straight lines there')
-    moved = shift - (float(times[0]) if start == "record" else 0.0)
+    moved = _moved(times, start, shift)
     first = float(times[0]) + moved
     before = int(np.count_nonzero(times + moved < -_BEFORE * median))
     if before and start != "cut":
@@ -280,11 +280,18 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
         raise refusal("; ".join(found), value=", ".join(values), remedy="; ".join(remedies))
 
 
+def _moved(times: NDArray[np.float64], start: str, shift: float) -> float:
+    """What the times of a record are moved by, s: by the shift, from its first sample where the run starts there."""
+    if start == "record":
+        return shift - float(times[0])
+    return shift
+
+
 def _placed(
     times: NDArray[np.float64], values: NDArray[np.float64], start: str, shift: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The record with t = 0 where the run has it; cut: with the value at t = 0 between the samples beside it."""
-    moved = times + (shift - (float(times[0]) if start == "record" else 0.0))
+    moved = times + _moved(times, start, shift)
     if start != "cut" or moved[0] >= 0.0:
         return moved, values
     inside = moved > 0.0
