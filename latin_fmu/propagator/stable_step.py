@@ -160,6 +160,4 @@ def _lanczos(
         for i in range(n):
             vectors[0, i] = vectors[1, i]
             # an invariant space: all that follows is zero
-            vectors[1, i] = 0.0
-            if norm > 0.0:
-                vectors[1, i] = after[i] / norm
+            vectors[1, i] = after[i] / norm if norm > 0.0 else 0.0
