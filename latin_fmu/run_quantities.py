@@ -63,9 +63,11 @@ class Quantities:
     def add_record(self, kind: str, owner: str, record: Any) -> None:
         """Add what an owner of a kind has, with the histories that distances are of."""
         for row in (row for row in QUANTITIES_OF_INTEREST if row.owner == kind and row.serves("estimate", record)):
-            history = None if row.history is None else row.history(record)
-            if row.history is not None and history is None:
-                continue
+            history = None
+            if row.history is not None:
+                history = row.history(record)
+                if history is None:
+                    continue
             if (entry := row.with_scale(record)) is not None:
                 self.add(owner, {row.key: entry})
                 if history is not None:
@@ -189,18 +191,20 @@ def resolved_frequency(scene: Scene) -> float:
         speeds = elasticity_of(scene.material[body.material]).pressure_speed(np.eye(3))
         transits = np.divide(body.box.size, body.box.elements) / speeds  # along each axis
         several = np.array(body.box.elements) > 1
-        limits.append(float(1.0 / (ELEMENTS_PER_WAVE * (transits[several] if several.any() else transits).max())))
+        if several.any():
+            transits = transits[several]
+        limits.append(float(1.0 / (ELEMENTS_PER_WAVE * transits.max())))
     return min(limits)
 
 
-def band_of(scene: Scene, sensor: Sensor, known: ShockSpectrum | None = None) -> Band:
-    """Band of a sensor of a scene by its mesh and step as written; ``known``: its spectrum in a run of that."""
+def band_of(scene: Scene, sensor: Sensor, spectrum: ShockSpectrum | None = None) -> Band:
+    """Band of a sensor of a scene by its mesh and step as written; ``spectrum``: of it, in a run of that."""
     highest, request = resolved_frequency(scene), sensor.spectrum
-    chosen = LowPass(cutoff=highest) if sensor.filter is None else sensor.filter
+    chosen = sensor.filter or LowPass(cutoff=highest)
     if request is None:
         return Band(chosen, highest)
     frequencies = request.frequencies(scene.time.time_step, scene.time.end)
-    return Band(chosen, highest, frequencies, request.quality, known)
+    return Band(chosen, highest, frequencies, request.quality, spectrum)
 
 
 def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end: float, band: Band) -> None:
@@ -223,8 +227,10 @@ def measure_solution(scene: Scene, solution: Solution) -> Quantities:
     quantities = measure(solution.outcome.interface_time, solution.interfaces, end)
     for name, history in solution.sensors.items():
         # with other steps than those as written its frequencies are others
-        known = solution.spectra.get(name) if len(solution.time) == scene.time.n_step + 1 else None
-        band = band_of(scene, scene.sensor[name], known)
+        spectrum = None
+        if len(solution.time) == scene.time.n_step + 1:
+            spectrum = solution.spectra.get(name)
+        band = band_of(scene, scene.sensor[name], spectrum)
         add_sensor(quantities, solution.time, history, end, band)
     for bolt in solution.bolts.values():
         quantities.add_record(BOLT, bolt.name, BoltRecord.of(bolt, solution.time, end))

@@ -71,6 +71,12 @@ class PlaceOnBody:
         side: float = float(self.body.shape.elements.volume.mean()) ** (2 / 3)  # of a cube
         return side
 
+    def trace_at(self, *points: Array) -> sp.csr_array | None:
+        """Velocities of the body at the points (3,), (3 n_point, 3 n_node); None of the ground."""
+        if self.motion is None:
+            return None
+        return sp.csr_array(sp.vstack([self.motion.at(point) for point in points]))
+
 
 @dataclass(frozen=True)
 class PlaceOnFace(PlaceOnBody):
@@ -90,7 +96,11 @@ def place_on_face(body: Body, name: str, point: Sequence[float] | None = None) -
     """The mean over a face ``"substructure.face"`` of a body, or a point (3,), m, on an arm from it."""
     face = body.face(split_face(name)[1])
     motion = MeanMotion.of_face(body.mesh.nodes, face)
-    return PlaceOnFace(motion.centre if point is None else np.asarray(point, dtype=float), motion, body, face)
+    if point is None:
+        place = motion.centre
+    else:
+        place = np.asarray(point, dtype=float)
+    return PlaceOnFace(place, motion, body, face)
 
 
 def place_on(
@@ -155,10 +165,13 @@ def with_masses(scene: Scene, bodies: dict[str, Body], problems: Problems) -> di
     added: dict[str, list[AddedMass]] = {}
     for name, mass in scene.point_mass.items():
         body = bodies[mass.body]
-        made = _spread(body, mass) if mass.spread else _at_place(body, mass, f"point_mass.{name}", problems)
-        if made is not None:
-            added.setdefault(mass.body, []).append(made)
-    return {n: replace(b, added=_sum(added[n])) if n in added else b for n, b in bodies.items()}
+        if mass.spread:
+            added.setdefault(mass.body, []).append(_spread(body, mass))
+            continue
+        at_place = _at_place(body, mass, f"point_mass.{name}", problems)
+        if at_place is not None:
+            added.setdefault(mass.body, []).append(at_place)
+    return bodies | {n: replace(bodies[n], added=_sum(masses)) for n, masses in added.items()}
 
 
 def _spread(body: Body, mass: PointMass) -> AddedMass:
@@ -220,7 +233,7 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
         # the ground is infinite: the area is that of the body
         area = min(end.area for end in ends if end is not None)
         frames = local_frames((line / length)[None])
-        traces = tuple(None if end.motion is None else end.motion.at(end.point) for end in (first, second))
+        traces = first.trace_at(first.point), second.trace_at(second.point)
         assert traces[0] is not None
         geometry = InterfaceGeometry(
             first.point[None], np.array([area]), frames, np.zeros(1), (traces[0], traces[1]), 0, False
@@ -238,29 +251,29 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
     for name, coupling in scene.coupling.items():
         where = f"coupling.{name}"
         ends = [_end(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(coupling.ends)]
-        made = [end for end in ends if end is not None]
-        if len(made) < 2:
+        faces = [end for end in ends if end is not None]
+        if len(faces) < 2:
             continue
         (interface,) = coupling.interfaces(name).values()
         # a point of a solid has no arm: it has to be the common point
-        solid = [end for end in made if end.motion is not None and end.motion.rotation is None]
-        point = (solid or made)[0].point
+        solid = [end for end in faces if end.motion is not None and end.motion.rotation is None]
+        point = (solid or faces)[0].point
         # the size of the face: rotations lengthen the rods by as much as translations
-        length = max(end.motion.radius for end in made if end.motion is not None)
-        area = min(end.area for end in made)
-        joined = coupling.rotations and not solid
-        if joined:
-            geometry = _rods(made, point, length, area)
+        length = max(end.motion.radius for end in faces if end.motion is not None)
+        area = min(end.area for end in faces)
+        if coupling.rotations and not solid:
+            geometry = _rods(faces, point, length, area)
+            unit = InterfaceUnit(name, interface.sides, Rods(), geometry, 0.0, where)
         else:
-            geometry = _ball_joint(made, point, area)
-        law = Rods() if joined else Perfect()
-        units.append(InterfaceUnit(name, interface.sides, law, geometry, 0.0, where))
+            geometry = _ball_joint(faces, point, area)
+            unit = InterfaceUnit(name, interface.sides, Perfect(), geometry, 0.0, where)
+        units.append(unit)
     return units
 
 
 def _ball_joint(ends: list[PlaceOnBody], point: Array, area: float) -> InterfaceGeometry:
     """One point (3,), m, whose translations are joined."""
-    first, second = (None if end.motion is None else end.motion.at(point) for end in ends)
+    first, second = (end.trace_at(point) for end in ends)
     assert first is not None
     return InterfaceGeometry(
         point[None], np.array([area]), local_frames(np.eye(3)[:1]), np.zeros(1), (first, second), 0, False
@@ -273,9 +286,7 @@ def _rods(ends: list[PlaceOnBody], point: Array, length: float, area: float) -> 
     directions = np.repeat(axes, 2, axis=0)
     # two points for each axis i, on either side of p along the next axis
     points = point + length * np.stack([s * axes[(i + 1) % 3] for i in range(3) for s in (1.0, -1.0)])
-    traces: list[sp.csr_array | None] = [
-        None if end.motion is None else sp.csr_array(sp.vstack([end.motion.at(p) for p in points])) for end in ends
-    ]
+    traces = [end.trace_at(*points) for end in ends]
     assert traces[0] is not None
     return InterfaceGeometry(
         points, np.full(6, area / 6), local_frames(directions), np.zeros(6), (traces[0], traces[1]), 0, False
@@ -295,7 +306,11 @@ def with_rigid_faces(scene: Scene, bodies: dict[str, Body]) -> dict[str, Body]:
 def _end(bodies: dict[str, Body], end: End, where: str, problems: Problems) -> PlaceOnBody | None:
     """The place of an end of a spring or coupling; None, with a problem, where it has none."""
     if end.against_ground:
-        return PlaceOnBody(np.zeros(3) if end.point is None else np.asarray(end.point, dtype=float))
+        if end.point is None:
+            place = np.zeros(3)
+        else:
+            place = np.asarray(end.point, dtype=float)
+        return PlaceOnBody(place)
     return place_on(bodies[end.body], end.face, end.point, where, problems)
 
 

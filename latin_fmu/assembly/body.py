@@ -59,13 +59,16 @@ _OF_MOTION: Final = (
 
 def elasticity_of(material: MaterialTable) -> Elasticity:
     """Elasticity of a material of the scene."""
-    own = material.orthotropic
-    if own is None:
+    orthotropic = material.orthotropic
+    if orthotropic is None:
         assert material.poisson_ratio is not None, "material_problems"
         alpha = material.thermal_expansion or 0.0
         return Isotropic(material.density, material.young_moduli[0], material.poisson_ratio, expansions=(alpha,) * 3)
-    constants = own.young_moduli, own.poisson_ratios, own.shear_moduli
-    axes, alphas = [] if own.axes is None else [own.axes.rows], own.thermal_expansions or (0.0, 0.0, 0.0)
+    constants = orthotropic.young_moduli, orthotropic.poisson_ratios, orthotropic.shear_moduli
+    axes = []
+    if orthotropic.axes is not None:
+        axes = [orthotropic.axes.rows]
+    alphas = orthotropic.thermal_expansions or (0.0, 0.0, 0.0)
     return Orthotropic(material.density, *constants, *axes, expansions=alphas)
 
 
@@ -94,9 +97,9 @@ class Shape:
 
     def of(self, material: MaterialTable) -> Shape:
         """The shape with another material; what the mesh alone gives is shared."""
-        made = Shape(self.mesh, material, self.bending_modes, self.moduli)
-        made.__dict__.update(elements=self.elements, rank=self.rank)
-        return made
+        shape = Shape(self.mesh, material, self.bending_modes, self.moduli)
+        shape.__dict__.update(elements=self.elements, rank=self.rank)
+        return shape
 
     @cached_property
     def elasticity(self) -> Elasticity:
@@ -210,13 +213,13 @@ class Body:
     @cached_property
     def lumped_mass(self) -> Array | None:
         """Positive masses (3 n_node,), kg, where the row sums of the mass do not serve, else None."""
-        own = self.shape.lumped_mass
+        masses = self.shape.lumped_mass
         if self.added is None:
-            return own
+            return masses
         # row sums of the mass, whose components do not couple
-        if own is None:
-            own = self.shape.mass @ np.ones(self.full_size())
-        return np.asarray(own + self.added.lumped)
+        if masses is None:
+            masses = self.shape.mass @ np.ones(self.full_size())
+        return np.asarray(masses + self.added.lumped)
 
     @cached_property
     def rigid_motions(self) -> RigidBody:
@@ -260,16 +263,16 @@ class Body:
 
     def of(self, description: Substructure, material: MaterialTable) -> bool:
         """Whether a substructure of this description and material has this mesh and these matrices."""
-        own = self.description
+        described = self.description
         # with what motion alone reads taken from the other: equal descriptions are equal meshes and matrices
-        alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})
-        return self.shape.material == material and alike == own
+        alike = description.model_copy(update={key: getattr(described, key) for key in _OF_MOTION})
+        return self.shape.material == material and alike == described
 
     def described(self, description: Substructure, shape: Shape, units: UnitSystem) -> Body:
         """The body on the same mesh by another description or shape; its faces are shared."""
-        made = Body(self.name, self.mesh, shape, description, units=units)
-        made.__dict__["_faces"] = self._faces
-        return made
+        body = Body(self.name, self.mesh, shape, description, units=units)
+        body.__dict__["_faces"] = self._faces
+        return body
 
     @property
     def rigid_nodes(self) -> Index:
@@ -387,12 +390,12 @@ def side_stiffness(bodies: dict[str, Body], units: list[InterfaceUnit], layout: 
 def flexibility(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> dict[str, float]:
     """Elastic approach of the bodies of each interface under a mean pressure, L/E of both sides, m Pa-1; rigid bodies
     and the ground have none."""
-    stiffness, made = side_stiffness(bodies, units, layout), {unit.name: 0.0 for unit in units}
+    stiffness, compliance = side_stiffness(bodies, units, layout), {unit.name: 0.0 for unit in units}
     for i, side, name in body_sides(units):
         if not bodies[name].rigid:
             # stiffness along the normal: E over the length
-            made[units[i].name] += 1.0 / float(stiffness[layout.channels(i, side)[0, 0]])
-    return made
+            compliance[units[i].name] += 1.0 / float(stiffness[layout.channels(i, side)[0, 0]])
+    return compliance
 
 
 def _length(body: Body, unit: InterfaceUnit) -> float:
@@ -448,13 +451,19 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
 
     for path, content in files.contents.items():
         tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}
-        own = {t.group: name for name, t in tables.items() if t.group is not None and scene.base_dir / t.file == path}
-        if content is not None and (words := left_out(content, own, scene)):
-            text = f"mesh file {path.name}: {', '.join(words)} {'are' if len(words) > 1 else 'is'} not used"
+        here = {name: t for name, t in tables.items() if scene.base_dir / t.file == path}
+        by_group = {t.group: name for name, t in here.items() if t.group is not None}
+        if content is not None and (words := left_out(content, by_group, scene)):
+            verb = "is"
+            if len(words) > 1:
+                verb = "are"
+            text = f"mesh file {path.name}: {', '.join(words)} {verb} not used"
             yield Remark("deck", f"{text}: add the required parts to the scene")
         if content is not None:
-            whole = any(t.group is None and scene.base_dir / t.file == path for t in tables.values())
-            for sentence in unused_content(content, () if whole else own, taken(content, scene)):
+            if any(t.group is None for t in here.values()):
+                # a body of the whole file
+                by_group = {}
+            for sentence in unused_content(content, by_group, taken(content, scene)):
                 yield Remark("deck", f"mesh file {path.name}: {sentence}")
 
 
@@ -462,7 +471,9 @@ def _unit_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """Mesh files whose unit of length is another one than their ``scale`` says."""
     metre = scene.unit_system["m"]
     for path, content in files.contents.items():
-        names = [] if content is None else [content.unit, content.unit.lower()]
+        names = []
+        if content is not None:
+            names = [content.unit, content.unit.lower()]
         size = next((size for name in names if (size := unit_size(name, "m")) is not None), None)
         if content is None or size is None:
             continue
@@ -501,21 +512,26 @@ def _file_lines(files: _MeshFiles, scene: Scene, bodies: Mapping[str, Body]) -> 
         words = [many, f"{volume:.6g} {units['m3']}", f"{mass:.6g} {units['kg']}"]
         words += [f"a unit of it is {scales} {units['m']}{unit}", *content.said]
         solids = sum(len(cells) for cells in content.solids.values()) - sum(body.mesh.n_cell for body in chosen)
-        lost = [f"{solids} solid cells"] if solids > 0 and not any(t.refine for t in tables.values()) else []
+        lost = []
+        if solids > 0 and not any(t.refine for t in tables.values()):
+            lost = [f"{solids} solid cells"]
         lost += [f"{count} {kind}" for kind, count in content.skipped.items()]
-        yield f"  file {path.name}: {', '.join(words)}" + (f"; left out: {', '.join(lost)}" if lost else "")
+        text = f"  file {path.name}: {', '.join(words)}"
+        if lost:
+            text += f"; left out: {', '.join(lost)}"
+        yield text
 
 
 def build_bodies(
     scene: Scene,
     problems: Problems,
-    known: Mapping[str, Body] | None = None,
+    earlier: Mapping[str, Body] | None = None,
     remarks: list[Remark] | None = None,
     lines: list[str] | None = None,
 ) -> dict[str, Body]:
     """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``.
 
-    known : bodies of another scene, whose meshes and matrices serve where the description is equal, the meshes alone
+    earlier : bodies of another scene, whose meshes and matrices serve where the description is equal, the meshes alone
         where the material is another one.
     remarks : takes remarks on what mesh files hold beyond meshes. lines : takes a line on each mesh file that is read.
     """
@@ -525,7 +541,9 @@ def build_bodies(
     for name in scene.substructure:
         description = scene.moving(name)
         material = scene.material[description.material]
-        old = None if known is None else known.get(name)
+        old = None
+        if earlier is not None:
+            old = earlier.get(name)
         if old is not None and old.of(description, material):
             plain = old.added is None and not old.rigid_faces
             if not (plain and old.description == description and old.units == scene.unit_system):

@@ -77,8 +77,8 @@ def standing_bodies(
     else:
         classes = start.displaced(problem.classes)
     propagators = [BodyMotions(c.members, scheme, problem.dt, False) for c in classes]
-    given = units, layout, problem.impedance.copy(), problem.characteristic_traction, scheme
-    assembly = Assembly(propagators, [c.channels for c in classes], *given)
+    settings = units, layout, problem.impedance.copy(), problem.characteristic_traction, scheme
+    assembly = Assembly(propagators, [c.channels for c in classes], *settings)
     if start is not None:
         start.hand_over(assembly)
     timeline = problem.timeline_with(TightBolts() if start is None else start.bolts)
@@ -90,12 +90,12 @@ def joined_histories(
     problem: DiscretisedProblem, timeline: Timeline, models: Sequence[SubstructureModel], joined: SubstructureModel
 ) -> Histories:
     """What drives bodies that are ``joined`` in one substructure, whose loads are theirs by name."""
-    own = [timeline.histories(member, problem.time) for member in models]
+    of_members = [timeline.histories(member, problem.time) for member in models]
     named = {
         load.name: amplitude
-        for member, histories in zip(models, own, strict=True)
+        for member, histories in zip(models, of_members, strict=True)
         for load, amplitude in zip(member.loads, histories.amplitudes, strict=True)
     }
-    imposed = np.concatenate([np.zeros((len(problem.time), 0)), *(h.imposed for h in own)], axis=1)
-    kinds = tuple(kind for h in own for kind in h.motion_kinds)
+    imposed = np.concatenate([np.zeros((len(problem.time), 0)), *(h.imposed for h in of_members)], axis=1)
+    kinds = tuple(kind for h in of_members for kind in h.motion_kinds)
     return Histories(problem.time, [named[load.name] for load in joined.loads], imposed, kinds)

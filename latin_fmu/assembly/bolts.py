@@ -104,7 +104,9 @@ class BoltCut:
     def stress_area(self) -> float:
         """Section of the modelled part whose stress is compared with a yield stress, m2: that of the thread, else of
         the cut."""
-        return self.area if self.thread_area is None else self.share * self.thread_area
+        if self.thread_area is None:
+            return self.area
+        return self.share * self.thread_area
 
     def loads(self) -> LoadTerm:
         """Load term of the bolt: amplitude delta, F while it is loose."""
@@ -133,14 +135,16 @@ class BoltCut:
                 f"{units['Pa']}{self._thread(units)}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
-        note = f"; {self.note}" if self.note else ""
+        note = ""
+        if self.note:
+            note = f"; {self.note}"
         return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}{note}"
 
     def _thread(self, units: UnitSystem) -> str:
         """The section that the stress is of, where it is not the meshed one, in words."""
         if self.thread_area is None:
             return ""
-        part = "" if self.share == 1.0 else f"{fraction(self.share)} of "
+        part = _of_share(self, "{} of ")
         return f" over {part}the stress area of {self.table.size}, {self.thread_area:.4g} {units['m2']}"
 
     def _whole(self, force: float, units: UnitSystem) -> str:
@@ -152,11 +156,9 @@ class BoltCut:
     def _torque(self, units: UnitSystem) -> str:
         """The torque that the target is of, in words."""
         table = self.table
-        return (
-            ""
-            if table.torque is None
-            else f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
-        )
+        if table.torque is None:
+            return ""
+        return f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
 
     def clamp(self, nodes: Array, shortening: float) -> Clamp:
         """Where the bolt clamps; ``nodes`` (n, 3) of its body, m."""
@@ -222,13 +224,16 @@ def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, proble
     """Refuse a tension whose mean stress is above the yield stress of the material or of the property class; above
     ``LARGEST_STRESS`` where neither is given."""
     units = body.units
-    part = "" if cut.share == 1.0 else f" ({fraction(cut.share)} of the screw is modelled)"
+    part = _of_share(cut, " ({} of the screw is modelled)")
+    section = "shank"
+    if cut.thread_area is not None:
+        section = f"thread {cut.table.size}"
     limit, of = _limit(cut.table, body)
     if force is None or limit is None or force <= limit * cut.stress_area:
         return
     problems.add(
         f"bolt.{name}",
-        f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.size}'}, "
+        f"the mean stress of the {section}, "
         f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}{part}, is above {of}",
         f"{force / cut.stress_area:.4g} {units['Pa']}",
         f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.stress_area:.4g} {units['N']}",
@@ -237,13 +242,23 @@ def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, proble
     )
 
 
+def _of_share(cut: BoltCut, words: str) -> str:
+    """The share of the screw that is modelled, in these ``words``; nothing of a whole one."""
+    if cut.share == 1.0:
+        return ""
+    return words.format(fraction(cut.share))
+
+
 def _limit(table: Bolt, body: Body) -> tuple[float | None, str]:
     """Largest mean stress of a bolt, Pa, and what it is of, in words; None of numbers without units."""
-    own, of_class = body.shape.material.yield_stress, table.class_stress(body.units)
-    known = [(own, "the yield stress of the material")] if own is not None else []
-    known += [(of_class, f"the yield stress of class {table.property_class}")] if of_class is not None else []
-    if known:
-        return min(known)
+    of_material, of_class = body.shape.material.yield_stress, table.class_stress(body.units)
+    limits = []
+    if of_material is not None:
+        limits.append((of_material, "the yield stress of the material"))
+    if of_class is not None:
+        limits.append((of_class, f"the yield stress of class {table.property_class}"))
+    if limits:
+        return min(limits)
     if not body.units.measurable:
         return None, ""
     return LARGEST_STRESS / body.units.size("Pa"), "that of any screw: no property_class and no yield_stress is given"
@@ -256,16 +271,20 @@ def check_diameter(name: str, cut: BoltCut, body: Body, problems: Problems) -> N
         return
     # of a round section of this area
     drawn = 2.0 * float(np.sqrt(cut.area / (cut.share * np.pi)))
-    # a waisted shank is thinner than its core, and is no thread
-    least = FITTING[0] if cut.table.size is not None else WAISTED
+    value = f"{nominal:.4g} {units}"
+    if cut.table.size is not None:
+        key, least = "thread", FITTING[0]
+        value = f"{value}, {cut.table.size}"
+    else:
+        # a waisted shank is thinner than its core, and is no thread
+        key, least = "diameter", WAISTED
     if least <= drawn / nominal <= FITTING[1]:
         return
-    key = "thread" if cut.table.size is not None else "diameter"
+    part = _of_share(cut, " ({} of it is modelled)")
     problems.add(
         f"bolt.{name}.{key}",
-        f"the section of the cut of {body.name} is that of a diameter of {drawn:.4g} {units}"
-        + ("" if cut.share == 1.0 else f" ({fraction(cut.share)} of it is modelled)"),
-        f"{nominal:.4g} {units}" + ("" if cut.table.size is None else f", {cut.table.size}"),
+        f"the section of the cut of {body.name} is that of a diameter of {drawn:.4g} {units}{part}",
+        value,
         f"a shank of {least:g} to {FITTING[1]:g} of the nominal diameter",
         "check thread, diameter, share and the scale of the mesh; of a waisted shank give the diameter without thread",
     )
@@ -277,7 +296,7 @@ def section_remarks(cuts: Iterable[BoltCut], units: UnitSystem) -> Iterator[str]
         # where the moduli of the free shank are scaled its section does not count
         if cut.thread_area is None or cut.scaled or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
             continue
-        part = "" if cut.share == 1.0 else f" times the share {fraction(cut.share)} that is modelled"
+        part = _of_share(cut, " times the share {} that is modelled")
         yield (
             f"bolt {cut.name}: its meshed section, {cut.area:.4g} {units['m2']}, is {ratio:.3g} of the stress area of "
             f"{cut.table.size}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
@@ -300,14 +319,14 @@ class OpenedMesh:
         shifts = []
         n = mesh.n_node
         for cut in cuts:
-            own = np.arange(mesh.n_node)
-            own[cut.nodes] = n + np.arange(len(cut.nodes))
+            copies = np.arange(mesh.n_node)
+            copies[cut.nodes] = n + np.arange(len(cut.nodes))
             first = 0
             for cells in blocks:
                 rows = np.flatnonzero(cut.beyond[first : first + len(cells)])
-                kept = cells[rows]
+                corners = cells[rows]
                 # nodes that an earlier cut has doubled stay
-                cells[rows] = np.where(kept < mesh.n_node, own[np.minimum(kept, mesh.n_node - 1)], kept)
+                cells[rows] = np.where(corners < mesh.n_node, copies[np.minimum(corners, mesh.n_node - 1)], corners)
                 first += len(cells)
             n += len(cut.nodes)
             added.append(cut.nodes)
@@ -324,9 +343,9 @@ class OpenedMesh:
 
     def closed(self, values: Array) -> Array:
         """Values at the nodes (..., n_node, k), on the cuts means of both sides, from those of the opened mesh."""
-        own = values[..., : values.shape[-2] - len(self._twins), :].copy()
-        own[..., self._twins, :] = 0.5 * (own[..., self._twins, :] + values[..., own.shape[-2] :, :])
-        return own
+        means = values[..., : values.shape[-2] - len(self._twins), :].copy()
+        means[..., self._twins, :] = 0.5 * (means[..., self._twins, :] + values[..., means.shape[-2] :, :])
+        return means
 
     def displacement(self, displacement: Array) -> Array:
         """Displacements (..., n_node and nodes beyond the cuts, 3), m, from those of the nodes (..., n_node, 3)."""
@@ -386,8 +405,8 @@ def cuts_of(
         axis = np.asarray(bolt.axis, dtype=float)
         axis /= np.abs(axis).max()  # squares of any direction are numbers
         axis /= np.linalg.norm(axis)
-        held = held_nodes(conditions[body.name], axis, body.mesh.n_node)
-        cut = _Section(name, bolt, body, axis).cut(held, joined, problems)
+        fixed = held_nodes(conditions[body.name], axis, body.mesh.n_node)
+        cut = _Section(name, bolt, body, axis).cut(fixed, joined, problems)
         if cut is not None:
             share = share_of(name, scene, body, axis, cut.nodes, problems)
             cuts[name] = cut = replace(cut, share=share, note=notes.get(name, ""), scaled=body.shape.moduli is not None)
@@ -407,9 +426,9 @@ def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> dict[str, np.nd
     return joined
 
 
-def held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
+def held_nodes(conditions: Conditions, axis: Array, n_node: int) -> np.ndarray:
     """(n_node,) nodes that a boundary condition holds, drives or ties along the axis."""
-    columns = sp.csc_array(held.expansion)
+    columns = sp.csc_array(conditions.expansion)
     used = columns.data != 0.0
     owner = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))[used]
     nodes = columns.indices[used] // 3
@@ -422,9 +441,9 @@ def held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
     along = np.tile(axis, n_node)
     squares = np.asarray(columns.multiply(columns).sum(axis=0)).ravel()
     share = np.divide(columns.T @ along, squares, out=np.zeros_like(squares), where=~tied & (squares > 0.0))
-    left = np.abs(along - columns @ share).reshape(n_node, 3).max(axis=1) > _ALONG
-    driven = (held.pattern.any(axis=1).reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1)
-    return np.asarray(left | driven)
+    residual = np.abs(along - columns @ share).reshape(n_node, 3).max(axis=1) > _ALONG
+    driven = (conditions.pattern.any(axis=1).reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1)
+    return np.asarray(residual | driven)
 
 
 class _Section:
@@ -472,18 +491,17 @@ class _Section:
         return owner[one], owner[two], facets[one]
 
     # -- where to cut -----------------------------------------------------------------------------------------------
-    def cut(self, held: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> BoltCut | None:
-        """The cut of the bolt, or None with a problem; nodes that are ``held``, or ``joined`` by interfaces, may not be
-        on it."""
+    def cut(self, fixed: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> BoltCut | None:
+        """The cut of the bolt, or None with a problem; nodes ``fixed`` or ``joined`` by interfaces may not be on it."""
         where, point = f"bolt.{self._name}", self._bolt.point
-        blocked = np.logical_or.reduce([held, *joined.values()])
+        blocked = np.logical_or.reduce([fixed, *joined.values()])
         level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
         if level is None:
             named = {f"interface {name}": nodes for name, nodes in joined.items()}
             problems.add(
                 where,
                 f"no section of {self._body.name} across the axis is free of interfaces and held nodes: "
-                f"{_stretches(self._body, self._axis, named | {'held nodes': held})}",
+                f"{_stretches(self._body, self._axis, named | {'held nodes': fixed})}",
                 shown(self._bolt.axis),
                 "a shank with a layer of free nodes between its ends, without interface or boundary condition",
                 "check the axis; let the interface cover the threaded faces alone, not the full shank; or refine the "
@@ -503,7 +521,9 @@ class _Section:
             )
             return None
         facets = self._one_section(chosen, problems)
-        return None if facets is None or not self._fits(facets, held, joined, problems) else self._made(facets, level)
+        if facets is None or not self._fits(facets, fixed, joined, problems):
+            return None
+        return self._bolt_cut(facets, level)
 
     def _middle(self, blocked: np.ndarray) -> float | None:
         """Level in the middle of the longest stretch of the thinnest sections without blocked nodes; None where there
@@ -542,11 +562,11 @@ class _Section:
         areas = np.zeros(len(self._facets))
         width = (self._facets >= 0).sum(axis=1)
         for n in np.unique(width):
-            own = np.flatnonzero(width == n)
-            places = self._body.mesh.nodes[self._facets[own][:, : FACET_CORNERS[FACET_KIND[int(n)]]]]
+            same_width = np.flatnonzero(width == n)
+            places = self._body.mesh.nodes[self._facets[same_width][:, : FACET_CORNERS[FACET_KIND[int(n)]]]]
             arms = places - places[:, :1]
             # a fan of triangles from the first corner
-            areas[own] = 0.5 * np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1) @ self._axis
+            areas[same_width] = 0.5 * np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1) @ self._axis
         return areas
 
     def _one_section(self, chosen: Index, problems: Problems) -> Index | None:
@@ -592,7 +612,7 @@ class _Section:
         )
         return None
 
-    def _fits(self, facets: Index, held: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> bool:
+    def _fits(self, facets: Index, fixed: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> bool:
         """Whether the section is that of a shank: free of interfaces and held nodes, no wider than the body is long."""
         nodes = np.unique(self._facets[facets])
         nodes = nodes[nodes >= 0]
@@ -609,10 +629,10 @@ class _Section:
                 "give the axis of the shank",
             )
             return False
-        own = [name for name, taken in joined.items() if taken[nodes].any()]
-        blocked = np.logical_or.reduce([held, *joined.values()])[nodes]
+        names = [name for name, taken in joined.items() if taken[nodes].any()]
+        blocked = np.logical_or.reduce([fixed, *joined.values()])[nodes]
         if blocked.any():
-            why = f"of interfaces: {listed(own)}" if own else "held along the axis by a boundary condition"
+            why = f"of interfaces: {listed(names)}" if names else "held along the axis by a boundary condition"
             problems.add(
                 where,
                 f"{int(blocked.sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {why}",
@@ -624,7 +644,7 @@ class _Section:
         return True
 
     # -- the cut ----------------------------------------------------------------------------------------------------
-    def _made(self, facets: Index, level: float) -> BoltCut:
+    def _bolt_cut(self, facets: Index, level: float) -> BoltCut:
         body, axis = self._body, self._axis
         nodes = np.unique(self._facets[facets])
         nodes = nodes[nodes >= 0]
@@ -635,8 +655,8 @@ class _Section:
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
-        own = stiffness(_part(body, beyond), body.shape.elasticity, body.shape.bending_modes)
-        pattern = np.asarray(own @ jump.ravel())
+        matrix = stiffness(_part(body, beyond), body.shape.elasticity, body.shape.bending_modes)
+        pattern = np.asarray(matrix @ jump.ravel())
         # forces that cancel, but for round-off
         pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
         return BoltCut(
@@ -682,13 +702,16 @@ def _between(stops: Array, blocked: Array, usable: np.ndarray) -> np.ndarray:
     """Of the usable stretches between levels those between blocked nodes, if there are any: beyond the last one that
     something takes, as in the tip of a screw below its thread, there is no tension."""
     tight = usable & (stops[:-1] >= blocked.min(initial=1.0)) & (stops[1:] <= blocked.max(initial=0.0))
-    return np.asarray(tight if tight.any() else usable)
+    if tight.any():
+        return np.asarray(tight)
+    return usable
 
 
 def _stretches(body: Body, axis: Array, blocking: Mapping[str, np.ndarray]) -> str:
     """Stretches of blocked nodes (n_node,) along the axis, by what blocks them, in words; the longest first."""
     heights, unit = body.mesh.nodes @ axis, body.units["m"]
-    found = sorted(((what, heights[own]) for what, own in blocking.items() if own.any()), key=lambda p: -np.ptp(p[1]))
+    blocked = [(what, heights[nodes]) for what, nodes in blocking.items() if nodes.any()]
+    found = sorted(blocked, key=lambda p: -np.ptp(p[1]))
     parts = [f"{what} from {z.min():.4g} to {z.max():.4g} {unit}" for what, z in found[:_MOST_SAID]]
     parts += [f"{len(found) - _MOST_SAID} more"] * (len(found) > _MOST_SAID)
     parts.append(f"{body.name} from {heights.min():.4g} to {heights.max():.4g} {unit} along the axis")
@@ -700,7 +723,7 @@ def _part(body: Body, cells: np.ndarray) -> Elements:
     mesh, moduli = body.mesh, body.shape.moduli
     ends = np.cumsum([len(block.cells) for block in mesh.blocks])[:-1]
     parts = zip(mesh.blocks, np.split(cells, ends), strict=True)
-    blocks = tuple(CellBlock(block.cell_type, block.cells[own]) for block, own in parts if own.any())
+    blocks = tuple(CellBlock(block.cell_type, block.cells[members]) for block, members in parts if members.any())
     return Elements(Mesh(mesh.nodes, blocks, {}), None if moduli is None else moduli[cells])
 
 

@@ -104,15 +104,17 @@ class _Faces:
     @cached_property
     def _touched(self) -> list[tuple[Body, Surface]]:
         """The facets of each side that have a part in the interface."""
-        made = []
+        surfaces = []
         for (body, facets), trace in zip(self.sides, self.pair.traces, strict=False):
             assert trace is not None
             nodes = np.zeros(body.mesh.n_node, dtype=bool)
             nodes[np.unique(sp.csr_array(trace).indices) // 3] = True
-            own = [FacetBlock(b.kind, b.facets[nodes[b.corners].all(axis=1)]) for b in facets.blocks]
-            own = [block for block in own if len(block.facets)]
-            made.append((body, Surface(body.mesh.nodes, FacetSet(tuple(own)) if own else facets)))
-        return made
+            blocks = [FacetBlock(b.kind, b.facets[nodes[b.corners].all(axis=1)]) for b in facets.blocks]
+            blocks = [block for block in blocks if len(block.facets)]
+            if blocks:
+                facets = FacetSet(tuple(blocks))
+            surfaces.append((body, Surface(body.mesh.nodes, facets)))
+        return surfaces
 
     @cached_property
     def _radius(self) -> float:
@@ -125,7 +127,9 @@ class _Faces:
     @cached_property
     def _smaller(self) -> tuple[float, str]:
         """The smaller one of radius and thickness of the parts, m, and which it is."""
-        found = [(self._radius, "radius")] if self._radius > 0.0 else []
+        found = []
+        if self._radius > 0.0:
+            found = [(self._radius, "radius")]
         for body, surface in self._touched:
             middles = np.concatenate([p.centres for p in surface.pieces])
             normals = np.concatenate([p.normals for p in surface.pieces])
@@ -170,19 +174,19 @@ class _Distance(_Faces):
     @property
     def _by_meshes(self) -> bool:
         """Whether the gap is that of the meshes."""
-        given = self.interface.number_gap is not None or self.interface.interference > 0.0
-        return self.interface.behaves_open and self.interface.gap != "closed" and not given
+        prescribed = self.interface.number_gap is not None or self.interface.interference > 0.0
+        return self.interface.behaves_open and self.interface.gap != "closed" and not prescribed
 
     @cached_property
     def _smooth(self) -> tuple[Mortar, Array] | None:
         """The integrals between smooth surfaces through the nodes, and the places of their points, m."""
         if len(self.sides) < 2 or self.pair.matching:
             return None
-        own, other = (smoothed(Surface(self.sides[i][0].mesh.nodes, self.sides[i][1])) for i in self._order)
-        made = mortar(own, other, self.interface.search)
-        if made is None:
+        surface, other = (smoothed(Surface(self.sides[i][0].mesh.nodes, self.sides[i][1])) for i in self._order)
+        pair = mortar(surface, other, self.interface.search)
+        if pair is None:
             return None
-        return (made, made.owner @ own.nodes)
+        return (pair, pair.owner @ surface.nodes)
 
     @property
     def _order(self) -> tuple[int, int]:
@@ -192,33 +196,35 @@ class _Distance(_Faces):
         """Distance of smooth surfaces at the points; that of the chords where there are none."""
         if self._smooth is None:
             return chords
-        made, places = self._smooth
-        return np.asarray(made.distance[nearest(self.pair.points, places)[1]])
+        pair, places = self._smooth
+        return np.asarray(pair.distance[nearest(self.pair.points, places)[1]])
 
     def _smooth_ones_touch(self) -> bool:
         """Whether smooth surfaces through the nodes touch; else a problem: how far apart they are is not known."""
         if self._smooth is None:
             return True
-        made, places = self._smooth
+        pair, places = self._smooth
         # plane parts of the faces have no chords
         chords = self.pair.sags[nearest(places, self.pair.points)[1]]
         round_ones = chords > 0.5 * chords.max()
-        apart = float(np.median(made.distance[round_ones]))
-        error = max(_CHORDS * float(np.median(made.sags[round_ones])), _SMOOTH * self.pair.chord)
+        apart = float(np.median(pair.distance[round_ones]))
+        error = max(_CHORDS * float(np.median(pair.sags[round_ones])), _SMOOTH * self.pair.chord)
         if abs(apart) <= error + self.negligible:
             return True
         if apart > 0.0:
             kind = "a clearance"
         else:
             kind = "an interference"
+        remedy = "give interference"
+        if apart > 0.0:
+            remedy = "give gap, the clearance"
         self.problems.add(
             f"interface.{self.name}.gap",
             f"{kind} of round faces with flat facets, which are up to {self.pair.chord:.3g} {self.length} from the "
             f"round faces: below that it is not known from the meshes",
             f"about {abs(apart):.2g} {self.length} by smooth surfaces through the nodes",
             f"{kind} above {self.pair.chord:.3g} {self.length}, or quadratic elements with middle nodes on the face",
-            ("give gap, the clearance" if apart > 0.0 else "give interference")
-            + ' (gap = "closed": the faces touch), or mesh with quadratic elements',
+            f'{remedy} (gap = "closed": the faces touch), or mesh with quadratic elements',
         )
         return False
 
@@ -310,14 +316,15 @@ class _Gap(_Distance):
                 self._say("overlap", note)
                 note = ""
             return Opening(np.zeros(len(distance)), note)
+        which, remedy = "apart", "move the meshes together, give search (faces nearer than this are bonded)"
+        if depth > apart:
+            which, remedy = "into each other", f'{remedy}, overlap = "ignore"'
         self.problems.add(
             f"interface.{self.name}.sides",
             "bonded faces must touch",
-            f"{largest:.6g} {self.length} {'apart' if apart >= depth else 'into each other'}",
+            f"{largest:.6g} {self.length} {which}",
             None,
-            "move the meshes together, give search (faces nearer than this are bonded), "
-            + ('overlap = "ignore", ' if depth > apart else "")
-            + 'or behaviour = "contact"',
+            f'{remedy}, or behaviour = "contact"',
         )
         return None
 

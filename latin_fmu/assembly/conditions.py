@@ -69,25 +69,25 @@ class Conditions:
     @property
     def held_directions(self) -> Array:
         """Projectors (n_node, 3, 3) on the directions in which each node never moves, axes or not."""
-        made: Array = self.held.reshape(-1, 3)[:, :, None] * np.eye(3)
+        projectors: Array = self.held.reshape(-1, 3)[:, :, None] * np.eye(3)
         if self.turned is not None:
             for node in (self.turned[2][::3] // 3).tolist():
                 rows = slice(3 * node, 3 * node + 3)
-                own = self.expansion[rows]
+                block_rows = self.expansion[rows]
                 # columns of other nodes are zero here
-                block = np.hstack([own[:, np.unique(own.indices)].toarray(), self.pattern[rows]])
+                block = np.hstack([block_rows[:, np.unique(block_rows.indices)].toarray(), self.pattern[rows]])
                 if block.any():
                     free = la.orth(block, rcond=_ROUND_OFF)
                 else:
                     free = np.zeros((3, 0))
-                made[node] = np.eye(3) - free @ free.T
-        return made
+                projectors[node] = np.eye(3) - free @ free.T
+        return projectors
 
     def driving(
-        self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
+        self, time: Array, over_steps: bool = False, amplitudes: Mapping[str, Array] = NOTHING, end: float = np.inf
     ) -> Array:
         """What drives the prescribed motions, (n_time, n_motion), see ``PrescribedMotion.driving``."""
-        columns = [m.driving(time, over_steps, given, end) for m in self.motions]
+        columns = [m.driving(time, over_steps, amplitudes, end) for m in self.motions]
         if columns:
             return np.stack(columns, axis=1)
         return np.zeros((len(time), 0))
@@ -302,18 +302,18 @@ def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Probl
 def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> Conditions:
     n_full = len(dofs.held)
     root = dofs.roots()
-    held = np.zeros(n_full, dtype=bool)
+    fixed = np.zeros(n_full, dtype=bool)
     # what holds or drives one dof does so for all that are tied to it
-    np.logical_or.at(held, root, dofs.held)
+    np.logical_or.at(fixed, root, dofs.held)
     driver = np.full(n_full, -1)
     np.maximum.at(driver, root, dofs.driver)
-    held, driver = held[root], driver[root]
-    free = ~held & (driver < 0)
-    kept, columns = np.unique(root[free], return_inverse=True)
+    fixed, driver = fixed[root], driver[root]
+    free = ~fixed & (driver < 0)
+    roots, columns = np.unique(root[free], return_inverse=True)
     rows = np.flatnonzero(free)
-    expansion = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_full, len(kept))).tocsr()
+    expansion = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_full, len(roots))).tocsr()
     pattern = np.zeros((n_full, len(dofs.motions)))
-    driven = np.flatnonzero((driver >= 0) & ~held)
+    driven = np.flatnonzero((driver >= 0) & ~fixed)
     pattern[driven, driver[driven]] = 1.0
     for moved, shapes, first in dofs.moved:
         # the column of the first motion has the ones of ``driver``: shapes take their place
@@ -325,9 +325,9 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
 
 def total(*matrices: sp.csr_array | None) -> sp.csr_array | None:
     """Sum of the matrices that are given, None where there are none."""
-    given = [m for m in matrices if m is not None]
-    if given:
-        return sp.csr_array(sum(given[1:], given[0]))
+    terms = [m for m in matrices if m is not None]
+    if terms:
+        return sp.csr_array(sum(terms[1:], terms[0]))
     return None
 
 
@@ -352,9 +352,11 @@ class RigidConditions(Conditions):
         n_free = self.basis.shape[1] - len(self.motions)
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
         motion, mass = self.body.coordinates(translation, rotation) - rest @ driven, self.body.mass
+        if not n_free:
+            return np.concatenate([np.zeros(0), driven])
         # closest in the mass of the body
-        own = la.solve(free.T @ mass @ free, free.T @ mass @ motion, assume_a="pos") if n_free else np.zeros(0)
-        return np.concatenate([own, driven])
+        free_values = la.solve(free.T @ mass @ free, free.T @ mass @ motion, assume_a="pos")
+        return np.concatenate([free_values, driven])
 
 
 def conditions_on(
@@ -416,13 +418,13 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
             )
             return nodal
     rigid = body.rigid_motions
-    held, driven = nodal.held, np.asarray(nodal.pattern.any(axis=1))
+    fixed, driven = nodal.held, np.asarray(nodal.pattern.any(axis=1))
     if nodal.turned is not None:
         # turned nodes have rows of their own below, their axes among them
-        for flags in (held, driven):
+        for flags in (fixed, driven):
             flags[nodal.turned[2]] = False
-    rows = np.concatenate([rigid.modes[held], rigid.modes[driven]])
-    values = np.concatenate([np.zeros((int(held.sum()), len(nodal.motions))), nodal.pattern[driven]])
+    rows = np.concatenate([rigid.modes[fixed], rigid.modes[driven]])
+    values = np.concatenate([np.zeros((int(fixed.sum()), len(nodal.motions))), nodal.pattern[driven]])
     if nodal.turned is not None:
         rows = np.concatenate([rows, nodal.turned[0] @ rigid.modes])
         values = np.concatenate([values, nodal.turned[1]])
@@ -445,7 +447,9 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     # free motions first, then the driven ones
     expansion = sp.csr_array(np.eye(n_full)[:, :n_free])
     shapes = rigid.modes @ basis
-    dashpots = None if nodal.dashpots is None else sp.csr_array(shapes.T @ (nodal.dashpots @ shapes))
+    dashpots = None
+    if nodal.dashpots is not None:
+        dashpots = sp.csr_array(shapes.T @ (nodal.dashpots @ shapes))
     return RigidConditions(expansion, np.eye(n_full)[:, n_free:], nodal.motions, dashpots, dashpots, rigid, basis)
 
 
@@ -477,31 +481,34 @@ def _null_space(rows: Array) -> Array:
 
 
 def rigid_model(
-    body: Body, held: RigidConditions, trace: sp.csr_array, area: Array, loads: list[LoadTerm]
+    body: Body, conditions: RigidConditions, trace: sp.csr_array, area: Array, loads: list[LoadTerm]
 ) -> SubstructureModel:
     """Model of a rigid body from its trace and loads on the nodes; neither matrix of the mesh is assembled."""
-    nodal, description = held.nodal, body.description
-    mass = sp.csr_array(held.basis.T @ held.body.mass @ held.basis)
+    nodal, description = conditions.nodal, body.description
+    mass = sp.csr_array(conditions.basis.T @ conditions.body.mass @ conditions.basis)
     n_full = mass.shape[0]
     # of Rayleigh damping the part of the mass alone: nothing is strained
     share = body.shape.material.drag
-    still, start = np.zeros(3), held.start()
+    still, start = np.zeros(3), conditions.start()
+    drag = None
+    if share:
+        drag = sp.csr_array(share * mass)
     return SubstructureModel(
         name=body.name,
         mass=mass,
-        damping=total(sp.csr_array(share * mass) if share else None, held.dashpots),
+        damping=total(drag, conditions.dashpots),
         # no strain in a rigid motion
         stiffness=sp.csr_array((n_full, n_full)),
-        expansion=held.expansion,
+        expansion=conditions.expansion,
         trace=sp.csr_array(trace @ nodal),
         channel_area=area,
         loads=[replace(load, pattern=nodal.T @ load.pattern) for load in loads],
-        displacement=held.values(np.asarray(description.initial_displacement), still, start),
-        velocity=held.values(
+        displacement=conditions.values(np.asarray(description.initial_displacement), still, start),
+        velocity=conditions.values(
             np.asarray(description.initial_velocity), np.asarray(description.initial_spin), np.zeros(len(start))
         ),
-        imposed_pattern=held.pattern,
+        imposed_pattern=conditions.pattern,
         imposed_start=start,
-        imposed_speed=held.speeds(),
+        imposed_speed=conditions.speeds(),
         nodal=nodal,
     )

@@ -176,7 +176,9 @@ def start_velocities(supports: Conditions, initial: Array, time: Array) -> Array
         if motion.kind == "displacement":
             slope = motion.value * float(np.diff(motion.law.sample(np.array([0.0, step])))[0]) / step
             mean = _mean(supports, k, initial)
-            values[k] = slope if abs(slope - mean) < abs(mean) else 0.0
+            values[k] = 0.0
+            if abs(slope - mean) < abs(mean):
+                values[k] = slope
     return values
 
 
@@ -201,8 +203,10 @@ def _rest(body: Body, supports: Conditions, values: Array, driven: Array, veloci
     ``driven`` (n_motion,) those of the prescribed motions."""
     if isinstance(supports, RigidConditions):
         table = body.description
-        shift = np.asarray(table.initial_velocity if velocity else table.initial_displacement)
-        turn = np.asarray(table.initial_spin if velocity else (0.0, 0.0, 0.0))
+        if velocity:
+            shift, turn = np.asarray(table.initial_velocity), np.asarray(table.initial_spin)
+        else:
+            shift, turn = np.asarray(table.initial_displacement), np.zeros(3)
         return np.asarray(values - supports.nodal @ supports.values(shift, turn, driven))
     moved = values - supports.pattern @ driven
     return np.asarray(moved - supports.expansion @ closest_reduced(supports.expansion, moved[:, None])[:, 0])

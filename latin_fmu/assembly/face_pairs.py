@@ -65,7 +65,7 @@ class FacePair:
 
 
 def by_mortar(
-    first: Side, second: Side, owner: Owner, reach: float | None, held: tuple[Array | None, Array | None]
+    first: Side, second: Side, owner: Owner, reach: float | None, fixed: tuple[Array | None, Array | None]
 ) -> FacePair | None:
     """Faces with nodes of their own, over the part that they have in common; None where there is none.
 
@@ -74,10 +74,10 @@ def by_mortar(
     owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
         facets (``_preferred``); but not a rigid one, nor one whose points hold the other side where that is free (both
         would be more than the other side can follow).
-    reach : see ``fem.mortar``. held : projectors (n_node, 3, 3) of both bodies on the directions in which their nodes
+    reach : see ``fem.mortar``. fixed : projectors (n_node, 3, 3) of both bodies on the directions in which their nodes
         never move, None for rigid ones.
     """
-    pair = _MortarPair((first, second), reach, held)
+    pair = _MortarPair((first, second), reach, fixed)
     if owner != "automatic":
         return pair.from_side(0 if owner == "E" else 1)
     rigid = [body.rigid for body, _ in (first, second)]
@@ -95,11 +95,11 @@ def by_mortar(
     alone = [pair.held_alone(s) for s in (0, 1)]
     if alone[side] > alone[1 - side]:
         return pair.from_side(1 - side)
-    made = pair.from_side(side)
+    contact = pair.from_side(side)
     tied = preferred is None and len(covered) != 1 and alone[0] == alone[1]
-    if made is None:
-        return made
-    return replace(made, alike=tied)
+    if contact is None:
+        return contact
+    return replace(contact, alike=tied)
 
 
 def _preferred(sides: tuple[Side, Side], surfaces: tuple[Surface, ...]) -> int | None:
@@ -118,9 +118,9 @@ def _preferred(sides: tuple[Side, Side], surfaces: tuple[Surface, ...]) -> int |
 class _MortarPair:
     """Two faces; the integrals with either of them as the owner are computed once."""
 
-    def __init__(self, sides: tuple[Side, Side], reach: float | None, held: tuple[Array | None, Array | None]) -> None:
+    def __init__(self, sides: tuple[Side, Side], reach: float | None, fixed: tuple[Array | None, Array | None]) -> None:
         self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
-        self._reach, self._held = reach, held
+        self._reach, self._fixed = reach, fixed
         self._mortars: dict[int, Mortar | None] = {}
 
     def mortar(self, side: int) -> Mortar | None:
@@ -142,14 +142,14 @@ class _MortarPair:
     def _directions(self, side: int) -> tuple[Array, Array]:
         """Projectors of ``_held_directions``."""
         part = self.mortar(side)
-        held = self._held[side]
-        other = self._held[1 - side]
+        fixed = self._fixed[side]
+        other = self._fixed[1 - side]
         assert part is not None
-        if held is None or other is None:
+        if fixed is None or other is None:
             none = np.zeros((len(part.areas), 3, 3))
             return none, none
         points = part.owner @ self.surfaces[side].nodes
-        return _held_directions(points, part.normals, part.owner, held, self.surfaces[1 - side], other)
+        return _held_directions(points, part.normals, part.owner, fixed, self.surfaces[1 - side], other)
 
     def from_side(self, side: int) -> FacePair | None:
         """Points of this side."""
@@ -167,11 +167,15 @@ class _MortarPair:
         traces = [_without(_of_vectors(t), removed) for t in (part.owner, part.other)]
         shares = tuple(float(part.areas.sum()) / s.area for s in self.surfaces)
         curved = any(quadratic(p.kind) for s in self.surfaces for p in s.pieces)
+        if curved:
+            distance = part.distance
+        else:
+            distance = np.einsum("pi,pi->p", jump, normals)
         return FacePair(
             points,
             part.areas,
             normals,
-            part.distance if curved else np.einsum("pi,pi->p", jump, normals),
+            distance,
             (traces[side], traces[1 - side]),
             part.sags,
             side,
@@ -221,13 +225,13 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
 
 
 def _held_directions(
-    points: Array, normals: Array, own: sp.csr_array, held: Array, other: Surface, other_held: Array
+    points: Array, normals: Array, weights: sp.csr_array, fixed: Array, other: Surface, other_fixed: Array
 ) -> tuple[Array, Array]:
     """Directions in which points of the owner cannot move.
 
     Parameters
     ----------
-    points, normals : (n_point, 3). own : (n_point, n_node) weights of the owner's nodes. held, other_held : projectors
+    points, normals : (n_point, 3). weights : (n_point, n_node) of the owner's nodes. fixed, other_fixed : projectors
         (n_node, 3, 3) of both bodies on the directions in which their nodes never move.
 
     Returns
@@ -235,23 +239,25 @@ def _held_directions(
     Projectors (n_point, 3, 3) on them, and on those of them at places where the other side is held likewise: at the
     rest the point holds the other side alone.
     """
-    free = np.asarray(abs(own) @ (np.eye(3) - held).reshape(-1, 9)).reshape(-1, 3, 3)
+    free = np.asarray(abs(weights) @ (np.eye(3) - fixed).reshape(-1, 9)).reshape(-1, 3, 3)
     # no node of the point can move there
     still = _null_projectors(free)
     both = np.zeros_like(still)
     rows = np.flatnonzero(still.any(axis=(1, 2)))
     if len(rows):
-        edges = _edges(other.facets, np.asarray(other_held.any(axis=(1, 2))))
+        edges = _edges(other.facets, np.asarray(other_fixed.any(axis=(1, 2))))
     else:
         edges = np.zeros((0, 2), dtype=np.int64)
     if not len(edges):
         return still, both
     on = _on_edges(points[rows], normals[rows], other.nodes[edges])
-    free_edges = np.eye(3) - other_held[edges]
+    free_edges = np.eye(3) - other_fixed[edges]
     for row, which in zip(rows, on, strict=True):
         # what both ends of an edge and the point are held along, over the edges that the point lies on
         common = _null_projectors(free_edges[which].sum(axis=1) + (np.eye(3) - still[row]))
-        both[row] = np.eye(3) - _null_projectors(common.sum(axis=0)[None])[0] if which.any() else 0.0
+        both[row] = 0.0
+        if which.any():
+            both[row] = np.eye(3) - _null_projectors(common.sum(axis=0)[None])[0]
     return still, both
 
 
@@ -260,13 +266,13 @@ def _null_projectors(matrices: Array) -> Array:
     these are diagonal, as those of conditions along axes are."""
     scale = np.maximum(np.einsum("pii->p", matrices), 1e-300)[:, None]
     diagonal = np.einsum("pii->pi", matrices)
-    made: Array = (diagonal <= _NULL * scale)[:, :, None] * np.eye(3)
+    projectors: Array = (diagonal <= _NULL * scale)[:, :, None] * np.eye(3)
     mixed = np.flatnonzero((matrices - diagonal[:, :, None] * np.eye(3)).any(axis=(1, 2)))
     if len(mixed):
         values, vectors = np.linalg.eigh(matrices[mixed])
         null = vectors * (values <= _NULL * scale[mixed])[:, None, :]
-        made[mixed] = np.einsum("pij,pkj->pik", null, null)
-    return made
+        projectors[mixed] = np.einsum("pij,pkj->pik", null, null)
+    return projectors
 
 
 def _without(trace: sp.csr_array, removed: Array) -> sp.csr_array:
@@ -274,21 +280,21 @@ def _without(trace: sp.csr_array, removed: Array) -> sp.csr_array:
     some = np.flatnonzero(removed.any(axis=(1, 2)))
     if not len(some):
         return trace
-    left = np.eye(3) - removed
-    kept = sp.csr_array(diagonal_blocks(left) @ trace)
+    complement = np.eye(3) - removed
+    trimmed = sp.csr_array(diagonal_blocks(complement) @ trace)
     # round-off of inclined directions; rows of none would still name the nodes
-    kept.data[np.abs(kept.data) < _NULL * np.abs(trace.data).max(initial=0.0)] = 0.0
-    kept.eliminate_zeros()
-    return kept
+    trimmed.data[np.abs(trimmed.data) < _NULL * np.abs(trace.data).max(initial=0.0)] = 0.0
+    trimmed.eliminate_zeros()
+    return trimmed
 
 
-def _edges(facets: FacetSet, held: Mask) -> Index:
-    """Nodes at the ends (n, 2) of edges whose ends are both ``held`` (n_node,)."""
-    held_edges = [np.zeros((0, 2), dtype=np.int64)]
+def _edges(facets: FacetSet, fixed: Mask) -> Index:
+    """Nodes at the ends (n, 2) of edges whose ends are both ``fixed`` (n_node,)."""
+    fixed_edges = [np.zeros((0, 2), dtype=np.int64)]
     for block in facets.blocks:
         ends = np.stack([block.corners, np.roll(block.corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        held_edges.append(ends[held[ends].all(axis=1)])
-    return np.unique(np.sort(np.concatenate(held_edges), axis=1), axis=0)
+        fixed_edges.append(ends[fixed[ends].all(axis=1)])
+    return np.unique(np.sort(np.concatenate(fixed_edges), axis=1), axis=0)
 
 
 def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
@@ -339,8 +345,8 @@ def _same_facets(facets: FacetSet, others: FacetSet, face: Face, other: Face, pa
     """Whether the facets of both faces have the same corners; ``partner`` : rows of the nodes opposite those of the
     face."""
     opposite = dict(zip(face.nodes.tolist(), other.nodes[partner].tolist(), strict=True))
-    own = {frozenset(opposite.get(n, -1) for n in row) for b in facets.blocks for row in b.facets.tolist()}
-    return own == {frozenset(row) for b in others.blocks for row in b.facets.tolist()}
+    carried = {frozenset(opposite.get(n, -1) for n in row) for b in facets.blocks for row in b.facets.tolist()}
+    return carried == {frozenset(row) for b in others.blocks for row in b.facets.tolist()}
 
 
 def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:

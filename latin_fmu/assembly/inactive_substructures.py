@@ -139,9 +139,11 @@ def cut_by_arrival(classes: Sequence[ModelClass], marched: Mapping[str, float]) 
         shares = [marched[whole.members[j].name] for j in order]
         first = len(parts)
         for start, stop in _parts(shares):
-            kept = sorted(order[start:stop])
-            twin = None if len(parts) == first else first
-            part = replace(whole, members=[whole.members[j] for j in kept], channels=whole.channels[:, kept])
+            members = sorted(order[start:stop])
+            twin = None
+            if len(parts) != first:
+                twin = first
+            part = replace(whole, members=[whole.members[j] for j in members], channels=whole.channels[:, members])
             parts.append(replace(part, twin=twin))
     return parts
 

@@ -92,35 +92,36 @@ def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[
     """Fields that supports change, and those of which a reduced basis keeps a part."""
     remarks = []
     for name, body in bodies.items():
-        held = conditions[name]
-        if isinstance(held, RigidConditions):
+        condition = conditions[name]
+        if isinstance(condition, RigidConditions):
             continue
         # how far each dof moves with the driven faces
-        if held.pattern.size == 0:
+        if condition.pattern.size == 0:
             moved = np.zeros(body.full_size())
         else:
-            moved = np.abs(held.pattern).sum(axis=1)
-        if held.pattern.size:
-            start = held.pattern @ held.start()
+            moved = np.abs(condition.pattern).sum(axis=1)
+        if condition.pattern.size:
+            start = condition.pattern @ condition.start()
         else:
             start = np.zeros(body.full_size())
-        for kind, own, whole, given, counts in (
+        for kind, body_field, whole, driven_field, counts in (
             ("displacement", body.displacement_field, body.initial_displacement, start, np.ones(len(moved), bool)),
             # velocities of driven dofs are those of the motion, and are not compared
             ("velocity", body.velocity_field, body.initial_velocity, np.zeros(len(moved)), moved == 0),
         ):
-            if own is None:
+            if body_field is None:
                 continue
-            free = (whole() - given)[:, None]
+            free = (whole() - driven_field)[:, None]
             # what the conditions cannot represent; at driven nodes velocities are those of the motion
-            left = np.where(counts, (free - held.expansion @ closest_reduced(held.expansion, free))[:, 0], 0.0)
-            changed = np.abs(left) > _CHANGED * np.abs(free).max()
+            unmet = free - condition.expansion @ closest_reduced(condition.expansion, free)
+            residual = np.where(counts, unmet[:, 0], 0.0)
+            changed = np.abs(residual) > _CHANGED * np.abs(free).max()
             if changed.any():
                 unit = body.units["m" if kind == "displacement" else "m s-1"]
                 remarks.append(
                     f"substructure {name}: conditions override the initial {kind} field at "
                     f"{len(np.unique(np.flatnonzero(changed) // 3))} nodes; the largest change is "
-                    f"{np.abs(left).max():.3g} {unit}"
+                    f"{np.abs(residual).max():.3g} {unit}"
                 )
             if scene.solver.propagator.type == "reduced":
                 remarks.append(
@@ -152,7 +153,11 @@ def initial_problems(
             continue
         zero = (0.0, 0.0, 0.0)
         # of E' over E
-        uniform = np.subtract(zero if second is None else second.initial_displacement, first.initial_displacement)
+        if second is None:
+            moved = zero
+        else:
+            moved = second.initial_displacement
+        uniform = np.subtract(moved, first.initial_displacement)
         by_field, level = _jump(unit, bodies, "displacement_field")
         jump = uniform + by_field
         if not unit.behaviour.opens:
@@ -200,13 +205,15 @@ def _jump(unit: InterfaceUnit, bodies: Mapping[str, Body], field: str) -> tuple[
     """Jump of a field across an interface (n_point, 3), side E' minus side E, and the largest value on the sides."""
     jump, level = np.zeros((unit.geometry.n_point, 3)), 0.0
     for side, face in enumerate(unit.sides):
-        values = None if face == GROUND else getattr(bodies[split_face(face)[0]], field)
+        values = None
+        if face != GROUND:
+            values = getattr(bodies[split_face(face)[0]], field)
         trace = unit.geometry.traces[side]
         if values is not None and trace is not None:
-            own = np.asarray(trace @ values.ravel()).reshape(-1, 3)
-            level = max(level, float(np.abs(own).max(initial=0.0)))
+            at_points = np.asarray(trace @ values.ravel()).reshape(-1, 3)
+            level = max(level, float(np.abs(at_points).max(initial=0.0)))
             # E' less E
-            jump += (2 * side - 1) * own
+            jump += (2 * side - 1) * at_points
     return jump, level
 
 
@@ -221,27 +228,27 @@ def _velocities_differ(scene: Scene, unit: InterfaceUnit, bodies: Mapping[str, B
             moving = scene.joints[unit.name].ground_velocity
             if moving is None:
                 continue
-            own = np.asarray(moving.vector, dtype=float) * float(moving.law.sample(np.zeros(1))[0])
+            at_points = np.asarray(moving.vector, dtype=float) * float(moving.law.sample(np.zeros(1))[0])
         else:
             body = bodies[split_face(face)[0]]
-            own = np.asarray(trace @ body.initial_velocity()).reshape(-1, 3)
+            at_points = np.asarray(trace @ body.initial_velocity()).reshape(-1, 3)
             # meshes that do not match interpolate linear motions exactly
             if body.description.initial_velocity_field is not None:
                 tears = _TEARS
-        level = max(level, float(np.abs(own).max(initial=0.0)))
+        level = max(level, float(np.abs(at_points).max(initial=0.0)))
         # E' less E
-        jump += (2 * side - 1) * own
+        jump += (2 * side - 1) * at_points
     limit = max(tears * level, _NO_JUMP * max(level, _largest(unit, bodies, "velocity")))
     # rods keep their normal components alone
-    kept = np.einsum("pc,pjc->pj", jump, unit.geometry.frames[:, : unit.behaviour.n_component])
-    return bool(np.abs(kept).max(initial=0.0) > limit)
+    components = np.einsum("pc,pjc->pj", jump, unit.geometry.frames[:, : unit.behaviour.n_component])
+    return bool(np.abs(components).max(initial=0.0) > limit)
 
 
 def _largest(unit: InterfaceUnit, bodies: Mapping[str, Body], kind: str) -> float:
     """Largest initial velocity, m s-1, or displacement, m, anywhere on the bodies of an interface, whose round-off the
     values at a face have."""
-    own = [getattr(bodies[split_face(face)[0]], f"initial_{kind}")() for face in unit.sides if face != GROUND]
-    return max(float(np.abs(values).max(initial=0.0)) for values in own)
+    fields = [getattr(bodies[split_face(face)[0]], f"initial_{kind}")() for face in unit.sides if face != GROUND]
+    return max(float(np.abs(values).max(initial=0.0)) for values in fields)
 
 
 @dataclass(frozen=True)
@@ -260,8 +267,8 @@ class TightBolts:
 
     def locked(self, cuts: Mapping[str, BoltCut]) -> dict[str, tuple[float, float]]:
         """First and last amplitude of the load terms of bolts whose shortening is kept."""
-        kept = {name: self.shortening.get(name, 0.0) for name in cuts}
-        return {name: (delta, delta) for name, delta in kept.items()}
+        shortenings = {name: self.shortening.get(name, 0.0) for name in cuts}
+        return {name: (delta, delta) for name, delta in shortenings.items()}
 
     def places(
         self,

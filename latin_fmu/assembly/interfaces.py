@@ -156,19 +156,19 @@ def _left_open(
 ) -> Iterator[Remark]:
     """A remark on faces of a pair with interfaces of its own that are within ``search`` and in none of them. A pair
     that is bonded somewhere has none: a screw touches the wall of its hole beside the thread."""
-    own = {n: i for n, i in scene.interface.items() if {split_face(side)[0] for side in i.sides} == set(pair)}
-    if any(i.behaviour == "perfect" for i in own.values()):
+    existing = {n: i for n, i in scene.interface.items() if {split_face(side)[0] for side in i.sides} == set(pair)}
+    if any(i.behaviour == "perfect" for i in existing.values()):
         return
     first, second = (bodies[n].surface(ALL_OF_IT) for n in pair)
     area = _common(first, second, search)[0]
-    for interface in own.values():
+    for interface in existing.values():
         one, other = (Surface(body.mesh.nodes, facets) for body, facets in (_side(bodies, s) for s in interface.sides))
         area -= _common(one, other, search)[0]
     if area > _LEAST * min(first.facet_area, second.facet_area):
         text = (
             f"{pair[0]} and {pair[1]} are within search on {area:.3g} {scene.unit_system['m2']} that no interface has"
         )
-        why = f"a search leaves a pair that has interfaces in the scene ({', '.join(own)}) as it is"
+        why = f"a search leaves a pair that has interfaces in the scene ({', '.join(existing)}) as it is"
         remedy = "add an [interface.NAME] for these faces, or except the pair"
         yield Remark("unjoined", f"contact {name}: {text}, and can move into each other there: {why}; {remedy}")
 
@@ -277,15 +277,15 @@ def build_interface(
     conditions: Mapping[str, Conditions],
     problems: Problems,
     remarks: list[Remark],
-    known: KeptOperators,
+    store: KeptOperators,
 ) -> InterfaceUnit | None:
-    """The interface with its geometry; None, with its problems reported, where its faces do not fit. ``known`` : of the
+    """The interface with its geometry; None, with its problems reported, where its faces do not fit. ``store`` : of the
     scene solved last, whose points and traces serve where the faces are the same."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     units = sides[0][0].units
     place = interface.sides, interface.points_from, interface.search, interface.ground, interface.behaves_open
     owners = [thing for body, _ in sides for thing in (body, conditions[body.name])]
-    placed = known.again(
+    placed = store.again(
         f"interface {name}", (*place, *owners), lambda: _placed(name, interface, sides, conditions, problems)
     )
     if placed is None:
@@ -421,8 +421,8 @@ def _face_pair(
         if pair is not None:
             return pair
     # the six unknowns of a rigid body are those of no node
-    held = [None if body.rigid else conditions[body.name].held_directions for body, _ in sides]
-    pair = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
+    projectors = [None if body.rigid else conditions[body.name].held_directions for body, _ in sides]
+    pair = by_mortar(first, second, interface.points_from, interface.search, (projectors[0], projectors[1]))
     if pair is None:
         problems.append(_apart(name, interface, first, second))
     return pair

@@ -39,8 +39,8 @@ class BodyFace:
     @staticmethod
     def of(bodies: Mapping[str, Body], face: str) -> BodyFace:
         """The face ``"substructure.face"`` of one of the bodies."""
-        name, own = split_face(face)
-        return BodyFace(bodies[name].mesh.nodes, bodies[name].face(own))
+        name, face_part = split_face(face)
+        return BodyFace(bodies[name].mesh.nodes, bodies[name].face(face_part))
 
     @property
     def points(self) -> Array:

@@ -155,10 +155,10 @@ def _merged_expansion(models: dict[str, SubstructureModel], where: dict[str, sli
     # bipartite: merged dofs, then reduced dofs, joined where a full dof is both
     graph = sp.coo_array((np.ones(len(rows)), (same[rows], count + apart.indices)), shape=(count + n, count + n))
     _, label = connected_components(graph, directed=False)
-    held = np.zeros(int(label.max()) + 1, dtype=bool)
-    held[label[same[held_rows]]] = True
+    fixed = np.zeros(int(label.max()) + 1, dtype=bool)
+    fixed[label[same[held_rows]]] = True
     of_dof = label[same]
-    free = np.flatnonzero(~held[of_dof])
+    free = np.flatnonzero(~fixed[of_dof])
     _, columns = np.unique(of_dof[free], return_inverse=True)
     shape = (n_full, int(columns.max(initial=-1)) + 1)
     return sp.coo_array((np.ones(len(free)), (free, columns)), shape=shape).tocsr()
@@ -185,13 +185,13 @@ def _rank(names: list[str], info: Mapping[str, SubstructureInfo], same: np.ndarr
     nodes = np.concatenate([info[n].nodes for n in names])
     starts = np.cumsum([0, *(len(info[n].nodes) for n in names[:-1])])
     # the three components of a node are merged alike
-    _, kept, number = np.unique(same[::3], return_index=True, return_inverse=True)
+    _, places, number = np.unique(same[::3], return_index=True, return_inverse=True)
     blocks = tuple(
         CellBlock(b.cell_type, number[b.cells + start])
         for n, start in zip(names, starts, strict=True)
         for b in cell_blocks(info[n].cells)
     )
-    rank = nested_dissection(Mesh(nodes[kept], blocks, {}))
+    rank = nested_dissection(Mesh(nodes[places], blocks, {}))
     return np.repeat(rank[number], 3)
 
 
@@ -246,15 +246,15 @@ def loop_remarks(bodies: Mapping[str, Body], units: Sequence[InterfaceUnit]) -> 
         # one component stands for all
         along = [None if trace is None else sp.csr_array(trace[::3, ::3]) for trace in unit.geometry.traces]
         rows.append(jump(unit, along, where, total))
-    owner = np.repeat(np.arange(len(tied)), [own.shape[0] for own in rows])
+    owner = np.repeat(np.arange(len(tied)), [block.shape[0] for block in rows])
     matrix, numbers = sp.csr_array(sp.vstack(rows)), owner
     while matrix.shape[0]:
         present = (abs(matrix) > 0).astype(float)
         alone = present.sum(axis=0) < 2
-        kept = present @ alone.astype(float) == 0.0
-        if kept.all():
+        shared = present @ alone.astype(float) == 0.0
+        if shared.all():
             break
-        matrix, numbers = sp.csr_array(matrix[np.flatnonzero(kept)]), numbers[kept]
+        matrix, numbers = sp.csr_array(matrix[np.flatnonzero(shared)]), numbers[shared]
     if not 2 < matrix.shape[0] <= _MOST_ROWS:
         return []
     used = np.flatnonzero(abs(matrix).sum(axis=0))
@@ -272,8 +272,8 @@ def loop_remarks(bodies: Mapping[str, Body], units: Sequence[InterfaceUnit]) -> 
 
 def placed(rows: sp.csr_array, first: int, n: int) -> sp.csr_array:
     """Rows over the dofs of one body as rows over n dofs, of which those of the body begin at ``first``."""
-    own = sp.csr_array(rows)
-    return sp.csr_array((own.data, own.indices + first, own.indptr), shape=(own.shape[0], n))
+    block = sp.csr_array(rows)
+    return sp.csr_array((block.data, block.indices + first, block.indptr), shape=(block.shape[0], n))
 
 
 def tied(bonds: sp.csr_array, expansion: sp.csr_array, pattern: Array) -> tuple[sp.csr_array, Array]:
@@ -331,20 +331,20 @@ def _pivots(rows: sp.csr_array) -> Index:
 
 def kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
     """Expansion (n_full, n) that keeps the rows (n_row, n_full) at zero, and the rows on its dofs that it does not."""
-    expansion, left = _merged(_cleaned(rows @ expansion), expansion)
-    touched = np.unique(left.indices)
+    expansion, remaining = _merged(_cleaned(rows @ expansion), expansion)
+    touched = np.unique(remaining.indices)
     if not len(touched):
         return expansion, sp.csr_array((0, expansion.shape[1]))
     others = np.setdiff1d(np.arange(expansion.shape[1]), touched)
-    block = sp.csr_array(left[:, touched])
+    block = sp.csr_array(remaining[:, touched])
     try:
         local = sp.csr_array(sp.eye_array(len(touched)))
-        own, _ = tied(block, local, np.zeros((len(touched), 0)))
+        basis, _ = tied(block, local, np.zeros((len(touched), 0)))
     except ValueError:  # they depend on each other, or share all their dofs
         if block.shape[0] * block.shape[1] > _DENSE:
-            return expansion, left
-        own = _eliminated(block.toarray())
-    both = sp.hstack([expansion[:, others], expansion[:, touched] @ own])
+            return expansion, remaining
+        basis = _eliminated(block.toarray())
+    both = sp.hstack([expansion[:, others], expansion[:, touched] @ basis])
     return sp.csr_array(both), sp.csr_array((0, both.shape[1]))
 
 
@@ -355,10 +355,10 @@ def _eliminated(rows: Array) -> sp.csr_array:
     _, r, order = la.qr(rows, mode="economic", pivoting=True)
     size = np.abs(np.diagonal(r))
     rank = int((size > _NOTHING * size[0]).sum())
-    own = np.zeros((rows.shape[1], rows.shape[1] - rank))
-    own[order[:rank]] = -la.solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    own[order[rank:]] = np.eye(rows.shape[1] - rank)
-    return sp.csr_array(np.where(np.abs(own) < _NOTHING, 0.0, own))
+    basis = np.zeros((rows.shape[1], rows.shape[1] - rank))
+    basis[order[:rank]] = -la.solve_triangular(r[:rank, :rank], r[:rank, rank:])
+    basis[order[rank:]] = np.eye(rows.shape[1] - rank)
+    return sp.csr_array(np.where(np.abs(basis) < _NOTHING, 0.0, basis))
 
 
 def _cleaned(rows: sp.csr_array) -> sp.csr_array:
@@ -379,9 +379,9 @@ def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, 
     # (1, -1): equal dofs; other two-entry rows, as (1, 1), are left to elimination
     balanced = np.abs(rows.data[starts[pairs]] + rows.data[starts[pairs] + 1]) < _NOTHING
     pairs = pairs[balanced]
-    held = rows.indices[starts[single]]
-    first = np.concatenate([held, rows.indices[starts[pairs]]])
-    second = np.concatenate([np.full(len(held), n), rows.indices[starts[pairs] + 1]])  # dof n stands for the ground
+    grounded = rows.indices[starts[single]]
+    first = np.concatenate([grounded, rows.indices[starts[pairs]]])
+    second = np.concatenate([np.full(len(grounded), n), rows.indices[starts[pairs] + 1]])  # dof n stands for the ground
     graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(n + 1, n + 1))
     _, label = connected_components(graph, directed=False)
     free = np.flatnonzero(label[:n] != label[n])

@@ -81,25 +81,25 @@ def carried(scene: Scene, units: list[InterfaceUnit], problems: Problems) -> Sce
 def sliding_ones(units: list[InterfaceUnit]) -> list[InterfaceUnit]:
     """The interfaces for the closing of fits: those whose sides never slide do so while they are pressed apart, and
     hold from then on. Held all the way, the shear of points that a support holds, too, would not be determined."""
-    found = fits(units)
-    return [
-        replace(unit, behaviour=Contact(_SLIDING))
-        if unit.name in found and isinstance(unit.behaviour, NoSlip)
-        else unit
-        for unit in units
-    ]
+    found, sliding = fits(units), []
+    for unit in units:
+        if unit.name in found and isinstance(unit.behaviour, NoSlip):
+            sliding.append(replace(unit, behaviour=Contact(_SLIDING)))
+        else:
+            sliding.append(unit)
+    return sliding
 
 
 def fit_pressures(units: list[InterfaceUnit], approach: Mapping[str, float]) -> list[float]:
     """Pressure that each fit can bring, Pa; ``approach`` : of both bodies under a mean pressure, m Pa-1, by name."""
-    made = []
+    pressures = []
     for name, depth in fits(units).items():
         unit = next(u for u in units if u.name == name)
         stiffness = float(getattr(unit.behaviour, "normal_stiffness", 0.0) or 0.0)
         softness = approach[name] + (1.0 / stiffness if stiffness > 0.0 else 0.0)
         if softness > 0.0:
-            made += [depth / softness]
-    return made
+            pressures += [depth / softness]
+    return pressures
 
 
 def strain_remark(

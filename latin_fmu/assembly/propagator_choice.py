@@ -191,11 +191,13 @@ def divided(
     part_of = list[int]()
     first: list[int] = []  # part of each class
     for number, c in enumerate(classes):
-        own = np.array([next(ranks) for _ in c.members])
+        of_members = np.array([next(ranks) for _ in c.members])
         first.append(len(parts))
-        for rank in np.unique(own):
-            picked = np.flatnonzero(own == rank)
-            twin = None if c.twin is None else first[c.twin]
+        for rank in np.unique(of_members):
+            picked = np.flatnonzero(of_members == rank)
+            twin = None
+            if c.twin is not None:
+                twin = first[c.twin]
             # parts of one class share the operators of its first part
             if len(parts) > first[-1]:
                 twin = first[-1]
@@ -225,7 +227,7 @@ def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
         # the dashpots are in a second factor, in single precision: dense matrices there are none
         interface, condensed = 0.5 * factor, 0.0
     modal = 8.0 * size.modal * (3 * size.unknowns + size.interface)
-    own = {
+    size_by_kind = {
         "direct": factor + 2 * interface + modal,
         "explicit": 0.0,
         "reduced": 2 * factor + 8.0 * size.unknowns * size.basis(settings.modes),
@@ -233,7 +235,7 @@ def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
     }[settings.kind]
     # per member: operators are shared, states are not
     states = 8.0 * _STATE_VECTORS * size.members * size.unknowns
-    return own + 4 * condensed + _SPARSE_BYTES * size.sparse + states
+    return size_by_kind + 4 * condensed + _SPARSE_BYTES * size.sparse + states
 
 
 def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: float | None = None) -> PropagatorSettings:
@@ -263,7 +265,7 @@ def made_propagators(
     scheme: TimeScheme,
     dt: float,
     springs: Array,
-    kept: KeptOperators | None = None,
+    store: KeptOperators | None = None,
     statics: dict[bytes, list[tuple[float, Any]]] | None = None,
 ) -> tuple[list[Propagator], list[str]]:
     """Propagators of the classes, and remarks on the choice.
@@ -271,7 +273,7 @@ def made_propagators(
     Parameters
     ----------
     dt : time step, s. springs : without inertia, stiffness per area of the side of every channel (n_flat,), Pa m-1.
-    kept : operators of a scene solved before, used where they are equal and replaced by those made here.
+    store : operators of a scene solved before, used where they are equal and replaced by those made here.
     statics : operators of static problems by ``ModelClass.key``, used again and added to.
 
     Raises
@@ -282,31 +284,33 @@ def made_propagators(
     made_with = (scheme, dt, settings)
 
     def make(c: ModelClass, twin: Propagator | None) -> Propagator:
-        if twin is None and kept is not None:
-            twin = kept.twin(c.members[0], made_with)
+        if twin is None and store is not None:
+            twin = store.twin(c.members[0], made_with)
         if not isinstance(scheme, QuasiStatic):
             one = PROPAGATORS[settings.kind](c.members, scheme, dt, settings, twin)
             # the work of the loads is needed to judge the errors (``indicator.work_of_error``)
             one.loads_only = not scene.output.energy and _loads_suffice(one, scheme, dt)
             return one
-        own = springs[c.channels[:, 0]]
-        known = twin.shared(own) if isinstance(twin, StaticPropagator) else None
+        stiffness = springs[c.channels[:, 0]]
+        operators = None
+        if isinstance(twin, StaticPropagator):
+            operators = twin.shared(stiffness)
         if statics is not None:
-            known = statics.setdefault(c.key, [])
+            operators = statics.setdefault(c.key, [])
         members = in_form(c.members, interfaces_of(scene))
-        return StaticPropagator(members, dt, scene.output.energy, own, known)
+        return StaticPropagator(members, dt, scene.output.energy, stiffness, operators)
 
     # those with operators of their own, then those that take them from another
     alone = [i for i, c in enumerate(classes) if c.twin is None]
     first = dict(zip(alone, in_threads(scene.solver.threads, lambda i: make(classes[i], None), alone), strict=True))
-    made: list[Propagator] = []
+    propagators: list[Propagator] = []
     for i, c in enumerate(classes):
-        made.append(first[i] if c.twin is None else make(c, made[c.twin]))
-    if kept is not None:
-        kept.replace([c.members[0] for c in classes], made, made_with)
-    if problems := unstable_steps(made, scene, dt):
+        propagators.append(first[i] if c.twin is None else make(c, propagators[c.twin]))
+    if store is not None:
+        store.replace([c.members[0] for c in classes], propagators, made_with)
+    if problems := unstable_steps(propagators, scene, dt):
         raise SceneError(problems, "the scene cannot be built")
-    return made, remarks
+    return propagators, remarks
 
 
 def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[PropagatorSettings, list[str]]:
@@ -363,8 +367,13 @@ def propagator_settings(scene: Scene) -> PropagatorSettings:
         return PropagatorSettings("reduced", modes=requested.modes)
     if isinstance(requested, tables.ModalPropagatorTable):  # where the assembly is not marched by its modes
         return PropagatorSettings("direct", precision=scene.solver.precision, interfaces=interfaces_of(scene))
-    automatic: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
-    kind: Kind = automatic if isinstance(requested, tables.AutomaticPropagator) else requested.type
+    automatic: Kind = "explicit"
+    if scene.time.scheme.type != CENTRAL:
+        automatic = "direct"
+    if isinstance(requested, tables.AutomaticPropagator):
+        kind: Kind = automatic
+    else:
+        kind = requested.type
     return PropagatorSettings(kind, precision=scene.solver.precision, interfaces=interfaces_of(scene))
 
 
@@ -397,9 +406,12 @@ def unstable_steps(propagators: list[Propagator], scene: Scene, dt: float) -> li
         return []
     shortest = min(explicit, key=lambda p: p.stability.longest)
     longest = shortest.stability.longest
+    key = "time.step"
+    if scene.time.step is None:
+        key = "time.instants"
     return [
         Problem(
-            "time.step" if scene.time.step is not None else "time.instants",
+            key,
             f"the step is longer than the stable one of the explicit propagator (substructure {shortest.names[0]})",
             f"a step of {dt:.6g} s",
             f"at most {longest:.6g} s",

@@ -63,14 +63,14 @@ def start_contacts(
     units: Sequence[InterfaceUnit], models: Mapping[str, SubstructureModel], start: InitialState
 ) -> dict[str, StartContact]:
     """Contacts in the equilibrium by the name of the interface."""
-    made = {}
+    contacts = {}
     for unit in units:
         if unit.behaviour.opens and unit.name in start.traction:
             pressed = start.traction[unit.name][:, 0] < 0.0
             gap = start_gap(unit, models, start.displacement)
             least = _ROUND_OFF * float(np.ptp(unit.geometry.points, axis=0).max())
-            made[unit.name] = StartContact(np.where(pressed | (gap <= least), 0.0, gap), pressed)
-    return made
+            contacts[unit.name] = StartContact(np.where(pressed | (gap <= least), 0.0, gap), pressed)
+    return contacts
 
 
 def open_points(contacts: Mapping[str, StartContact], units: UnitSystem) -> str:

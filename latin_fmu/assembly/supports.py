@@ -76,17 +76,17 @@ class PrescribedMotion:
     speed: float = 0.0
 
     def driving(
-        self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
+        self, time: Array, over_steps: bool = False, amplitudes: Mapping[str, Array] = NOTHING, end: float = np.inf
     ) -> Array:
         """What drives the motion at the instants, (n_time,): velocity or acceleration there; of a displacement law its
         rate over the step that begins there, so that the place is exact at every instant.
 
-        over_steps : of a velocity, its mean over the step that ends at an instant. given : by source, amplitudes
+        over_steps : of a velocity, its mean over the step that ends at an instant. amplitudes : by source, amplitudes
         (n_time,) in the place of the law's, of a displacement such rates. end : last instant of the scene, s, which is
         no corner of a law that ends there.
         """
-        if self.source in given:
-            at: Array = self.value * given[self.source]
+        if self.source in amplitudes:
+            at: Array = self.value * amplitudes[self.source]
         elif self.kind == "displacement":
             at = self.value * rates_of_steps(self.law.sample, time, end)
         else:
@@ -117,10 +117,10 @@ class PrescribedMotion:
             return {"velocity": size, "displacement": size / end, "acceleration": abs(self.speed) + size * end}[
                 self.kind
             ]
-        given = self.arm * self.driving(time)
+        speeds = self.arm * self.driving(time)
         if self.kind == "acceleration":
-            given = self.arm * self.speed + np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
-        return float(np.abs(given).max())
+            speeds = self.arm * self.speed + np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time))
+        return float(np.abs(speeds).max())
 
 
 def rates_of_steps(place: Callable[[Array], Array], time: Array, end: float = np.inf) -> Array:
@@ -137,9 +137,11 @@ def inclined_directions(body: Body, boundary: Boundary) -> Array | None:
     """Unit directions (n, 3) that a condition holds or drives, where they are no global axes; else None."""
     if isinstance(boundary, Symmetry):
         normals = body.face(split_face(boundary.face)[1]).normals
-        mean = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
+        mean: Array = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
         plane = np.abs(normals - mean).max() <= FLAT
-        return mean[None, :] if plane and np.abs(mean).max() < 1 - FLAT else None
+        if plane and np.abs(mean).max() < 1 - FLAT:
+            return np.array([mean])
+        return None
     if isinstance(boundary, Fixed | Driven) and boundary.axes is not None:
         return np.array(boundary.axes.rows)[[AXES.index(component) for component in boundary.components]]
     return None
@@ -159,27 +161,27 @@ class Directions:
     def add(self, nodes: Index, directions: Array, motions: list[int], name: str) -> None:
         """Set directions (n, 3) of nodes; ``motions`` : numbers of motions (n,), ``HELD`` where they are held."""
         for node in nodes.tolist():
-            own = self.rows.setdefault(node, [])
-            own += [(d, m, name) for d, m in zip(directions, motions, strict=True)]
+            rows = self.rows.setdefault(node, [])
+            rows += [(d, m, name) for d, m in zip(directions, motions, strict=True)]
 
-    def add_axes(self, held: NDArray[np.bool_], driver: Index) -> None:
+    def add_axes(self, fixed: NDArray[np.bool_], driver: Index) -> None:
         """Add the global axes along which the same nodes are held or driven, (n_full,)."""
-        for node, own in self.rows.items():
-            dofs = 3 * node + np.flatnonzero(held[3 * node : 3 * node + 3] | (driver[3 * node : 3 * node + 3] >= 0))
-            own += [(np.eye(3)[dof % 3], HELD if held[dof] else int(driver[dof]), "") for dof in dofs.tolist()]
+        for node, rows in self.rows.items():
+            dofs = 3 * node + np.flatnonzero(fixed[3 * node : 3 * node + 3] | (driver[3 * node : 3 * node + 3] >= 0))
+            rows += [(np.eye(3)[dof % 3], HELD if fixed[dof] else int(driver[dof]), "") for dof in dofs.tolist()]
 
     def solved(self, n_motion: int, tied: Index, problems: Problems) -> dict[int, tuple[Array, Array]]:
         """Z (3, n_free) and D (3, n_motion) by node; empty, with a problem, where conditions contradict each other or
         nodes are ``tied`` to others."""
-        known: dict[bytes, tuple[Array, Array] | None] = {}
+        solutions: dict[bytes, tuple[Array, Array] | None] = {}
         found: dict[int, tuple[Array, Array]] = {}
         for node, rows in self.rows.items():
             # nodes with equal conditions are solved once
             key = np.concatenate([np.append(d, m) for d, m, _ in rows]).tobytes()
-            if key in known:
-                solution = known[key]
+            if key in solutions:
+                solution = solutions[key]
             else:
-                solution = known.setdefault(key, _solved(rows, n_motion))
+                solution = solutions.setdefault(key, _solved(rows, n_motion))
             if solution is None:
                 problems.add(
                     f"boundary.{[name for _, _, name in rows if name][-1]}",
@@ -206,28 +208,28 @@ class Directions:
             (3 * np.array([e[0] for e in every])[:, None] + range(3)).ravel(),
         )
         values = np.concatenate([e[1] for e in every])
-        given = np.zeros((len(every), n_motion))
+        pattern = np.zeros((len(every), n_motion))
         for i, (_, _, motion) in enumerate(every):
             if motion != HELD:
-                given[i, motion] = 1.0
-        return sp.coo_array((values, places), shape=(len(every), n_full)).tocsr(), given
+                pattern[i, motion] = 1.0
+        return sp.coo_array((values, places), shape=(len(every), n_full)).tocsr(), pattern
 
 
 def _solved(rows: list[tuple[Array, int, str]], n_motion: int) -> tuple[Array, Array] | None:
     """Z and D of one node, None where its conditions contradict each other."""
     basis, values = np.zeros((0, 3)), np.zeros((0, n_motion))  # orthonormal rows and the motions along them
     for direction, motion, _ in rows:
-        given = np.zeros(n_motion)
+        motion_row = np.zeros(n_motion)
         if motion != HELD:
-            given[motion] = 1.0
+            motion_row[motion] = 1.0
         share = basis @ direction
         # what is new in the direction, and what is left of its motion for that
-        rest, left = direction - share @ basis, given - share @ values
+        rest, rest_values = direction - share @ basis, motion_row - share @ values
         size = float(np.linalg.norm(rest))
         if size > _DEPENDENT:
-            basis, values = np.vstack([basis, rest / size]), np.vstack([values, left / size])
+            basis, values = np.vstack([basis, rest / size]), np.vstack([values, rest_values / size])
         # another motion along a direction that those before determine
-        elif np.abs(left).max(initial=0.0) > _AGREES:
+        elif np.abs(rest_values).max(initial=0.0) > _AGREES:
             return None
     free: list[Array] = []
     for axis in np.argsort(np.linalg.norm(basis, axis=0), kind="stable"):  # the axes that are least held come first
@@ -246,9 +248,9 @@ def with_directions(
 ) -> tuple[sp.csr_array, Array]:
     """Expansion and pattern of a body whose other nodes have theirs, with those of nodes of ``Directions.solved``."""
     dofs = (3 * np.fromiter(solved, dtype=np.int64)[:, None] + np.arange(3)).ravel()
-    kept = np.ones(expansion.shape[0], dtype=bool)
-    kept[dofs] = False
-    rest = sp.csr_array(sp.diags_array(kept.astype(float)) @ expansion)
+    unchanged = np.ones(expansion.shape[0], dtype=bool)
+    unchanged[dofs] = False
+    rest = sp.csr_array(sp.diags_array(unchanged.astype(float)) @ expansion)
     rest.eliminate_zeros()
     # without the columns that turned nodes alone had
     rest = sp.csr_array(rest[:, np.flatnonzero(np.bincount(rest.indices, minlength=rest.shape[1]))])
@@ -262,7 +264,7 @@ def with_directions(
     return whole, moved
 
 
-def shared_out(held: Sequence[tuple[Index, Array]], n_full: int) -> list[sp.csr_array]:
+def shared_out(holding: Sequence[tuple[Index, Array]], n_full: int) -> list[sp.csr_array]:
     """Sums (3, n_full) of what each support takes of nodal forces.
 
     A support exerts forces on its nodes along its directions, with the projector P_i. Where several hold a node, their
@@ -273,13 +275,13 @@ def shared_out(held: Sequence[tuple[Index, Array]], n_full: int) -> list[sp.csr_
     Along a direction that n supports hold, each has r / n; independent directions have what r has along them. Neither
     names, order nor frame change it.
 
-    held : by support, nodes (n,) and orthonormal directions (n_direction, 3).
+    holding : by support, nodes (n,) and orthonormal directions (n_direction, 3).
     """
     total = np.zeros((n_full // 3, 3, 3))
-    for nodes, directions in held:
+    for nodes, directions in holding:
         total[nodes] += directions.T @ directions
     sums = []
-    for nodes, directions in held:
+    for nodes, directions in holding:
         # directions nearer than _DEPENDENT have an eigenvalue of half its square
         inverse = np.linalg.pinv(total[nodes], rcond=0.25 * _DEPENDENT**2, hermitian=True)
         parts = (directions.T @ directions) @ inverse
@@ -324,9 +326,9 @@ def supports(
         if not body.rigid:
             holding.setdefault(body.name, {})[name] = held_directions(name, boundary, body)
     supported = {}
-    for body_name, held in holding.items():
-        sums = shared_out(list(held.values()), bodies[body_name].full_size())
-        for name, whole in zip(held, sums, strict=True):
+    for body_name, directions in holding.items():
+        sums = shared_out(list(directions.values()), bodies[body_name].full_size())
+        for name, whole in zip(directions, sums, strict=True):
             supported[name] = Support(body_name, faces[name], models[body_name], whole)
     # in the order of the scene
     return {name: supported[name] for name in boundaries if name in supported}
@@ -404,7 +406,9 @@ def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: P
             # shared out by area: a diagonal matrix, which an explicit march can divide by
             shares[face.nodes, COMPONENTS.index(component)] = impedance * face.areas / face.areas.sum()
             continue
-        rows = motion.translation if component in TRANSLATIONS else motion.rotation
+        rows = motion.rotation
+        if component in TRANSLATIONS:
+            rows = motion.translation
         assert rows is not None
         row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
         # Z times the mean motion, spread as that is measured: r^T Z r
@@ -423,12 +427,15 @@ def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[
     shapes = np.zeros((len(arms), 3, len(port.components)))
     for j, component in enumerate(port.components):
         axis = np.eye(3)[COMPONENTS.index(component) % 3]
-        shapes[:, :, j] = axis if component in TRANSLATIONS else np.cross(axis, arms)
+        if component in TRANSLATIONS:
+            shapes[:, :, j] = axis
+        else:
+            shapes[:, :, j] = np.cross(axis, arms)
     driven = [component in port.components for component in TRANSLATIONS]
     for j, component in enumerate(port.components):
         # a rotation must not drag nodes along an axis that stays free
         stray = np.abs(shapes[:, :, j]).max(axis=0) > _MOVES * np.abs(arms).max()
-        if missing := [axis for axis, moves, own in zip(TRANSLATIONS, stray, driven, strict=True) if moves and not own]:
+        if missing := [TRANSLATIONS[i] for i in np.flatnonzero(stray & ~np.array(driven))]:
             problems.add(
                 f"port.{name}.components",
                 f"the rotation {component} moves nodes of the face along {', '.join(missing)}",
@@ -450,7 +457,7 @@ def port_supports(
     scene: Scene, bodies: Mapping[str, Body], models: Mapping[str, SubstructureModel]
 ) -> dict[str, Support]:
     """Supports whose reactions are the force and the moment of moved faces, by ``port_key``."""
-    made = {}
+    by_key = {}
     for name, port in scene.port.items():
         if port.causality != "motion_in":
             continue
@@ -466,5 +473,5 @@ def port_supports(
             entries = ((blocks * driven).ravel(), (rows.ravel(), columns.ravel()))
             parts = sp.csr_array(sp.coo_array(entries, shape=(3, place.body.full_size())))
             parts.eliminate_zeros()
-            made[port_key(name, turned)] = Support(port.body, port.face, models[port.body], parts)
-    return made
+            by_key[port_key(name, turned)] = Support(port.body, port.face, models[port.body], parts)
+    return by_key

@@ -110,10 +110,10 @@ class BoundaryFacets:
         """Some of the facets (n_facet,)."""
         blocks, first = [], 0
         for block in self.body.outside.blocks:
-            own = chosen[first : first + len(block.facets)]
+            members = chosen[first : first + len(block.facets)]
             first += len(block.facets)
-            if own.any():
-                blocks.append(FacetBlock(block.kind, block.facets[own]))
+            if members.any():
+                blocks.append(FacetBlock(block.kind, block.facets[members]))
         return FacetSet(tuple(blocks))
 
     def line(self, axis: Array | None) -> ShankLine | None:
@@ -201,7 +201,9 @@ def _shank(skin: BoundaryFacets, line: ShankLine, diameter: float | None) -> _Cy
         lengths = {}
         for radius in np.unique(np.round(radii[faces] / radii[faces].max(), 2)) * radii[faces].max():
             near = faces & (np.abs(radii - radius) <= _ROUND * radius)
-            lengths[float(radius)] = float(high[near].max() - low[near].min()) if near.any() else 0.0
+            lengths[float(radius)] = 0.0
+            if near.any():
+                lengths[float(radius)] = float(high[near].max() - low[near].min())
         diameter = 2.0 * max(lengths, key=lambda radius: lengths[radius])
     faces = faces & _fitting(radii, diameter)
     if faces.any():
@@ -234,7 +236,9 @@ class Engagement:
             return None
         # the screw comes from where more of its shank stands out
         below = low - shank.ends[0] > shank.ends[1] - high
-        return cls(shank, hole, 1 if below else -1, low if below else high, high - low)
+        if below:
+            return cls(shank, hole, 1, low, high - low)
+        return cls(shank, hole, -1, high, high - low)
 
     def reached(self, length: float | None) -> float:
         """Length that is bonded, m, from the mouth, where ``length`` is asked for: the overlap at most."""
@@ -306,9 +310,11 @@ class _Screw:
             faces, radii = skin.round_ones(self.line, outwards=False)
             seen += [f"{name}: {2.0 * r:.4g} {self.length_unit}" for r in np.unique(np.round(radii[faces], 6))[:3]]
             hole = _Cylinder(skin, faces & _fitting(radii, diameter), self.line)
-            made = Engagement.of(shank, hole) if hole.faces.any() else None
-            if made is not None:
-                found[name] = made
+            engagement = None
+            if hole.faces.any():
+                engagement = Engagement.of(shank, hole)
+            if engagement is not None:
+                found[name] = engagement
         if not found:
             self.problems.add(
                 f"{where}.part",
@@ -334,10 +340,10 @@ class _Screw:
     def free_ends(self, engagements: Iterable[Engagement]) -> tuple[float, float]:
         """Heights of the free shank along the axis, m: from the mouth of the hole to its end at the head, or to the
         mouth of the hole at the other end."""
-        made = list(engagements)
-        low, high = made[0].shank.ends
-        highest = min((e.mouth for e in made if e.into > 0), default=high)
-        return max((e.mouth for e in made if e.into < 0), default=low), highest
+        parts = list(engagements)
+        low, high = parts[0].shank.ends
+        highest = min((e.mouth for e in parts if e.into > 0), default=high)
+        return max((e.mouth for e in parts if e.into < 0), default=low), highest
 
     def touching(self, shank: _Cylinder, ends: tuple[float, float]) -> Mask:
         """Facets (n_facet,) of the screw that take part in searches for contacts."""
@@ -387,7 +393,9 @@ class _Screw:
         low, high = self.free_ends(engagements)
         plain, into = min(self.thread.plain, high - low), {e.into for e in engagements}
         if len(into) == 1:
-            return [(low + plain, high) if 1 in into else (low, high - plain)]
+            if 1 in into:
+                return [(low + plain, high)]
+            return [(low, high - plain)]
         middle = 0.5 * (low + high)
         return [(low, middle - 0.5 * plain), (middle + 0.5 * plain, high)]
 
@@ -418,7 +426,14 @@ class _Screw:
 
 def face_name(bolt: str, number: int = 1) -> str:
     """Name of the faces that a thread of a bolt is bonded on, on both bodies; ``number`` : of its threads, from 1."""
-    return f"thread_of_{bolt}" + (f"_{number}" if number > 1 else "")
+    return _numbered(f"thread_of_{bolt}", number)
+
+
+def _numbered(name: str, number: int) -> str:
+    """A name with a number from 2 on."""
+    if number > 1:
+        return f"{name}_{number}"
+    return name
 
 
 def with_threads(
@@ -433,7 +448,7 @@ def with_threads(
     # a body that cannot be read is not there
     if problems or not scene.bolt:
         return scene, bodies, {}
-    made = {name: _plain(body) for name, body in bodies.items()}
+    threaded = {name: _plain(body) for name, body in bodies.items()}
     bolts, interfaces = dict(scene.bolt), dict(scene.interface)
     notes, shanks = dict[str, str](), dict[str, _Free]()
     for name, bolt in scene.bolt.items():
@@ -451,18 +466,21 @@ def with_threads(
         if not found:
             continue
         for number, (part, engagement) in enumerate(found.items(), start=1):
-            _bond(screw, (part, engagement), number, made, interfaces)
+            _bond(screw, (part, engagement), number, threaded, interfaces)
         threads = list(found.values())
         shank, (moduli, said) = threads[0].shank, screw.moduli(threads)
         touching = screw.touching(shank, screw.free_ends(threads))
         old = shanks.get(body.name)
         # several threads of one body, as of a bow: what none of them leaves out
-        shanks[body.name] = _Free(shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
+        if old is None:
+            shanks[body.name] = _Free(shank.skin, touching, moduli)
+        else:
+            shanks[body.name] = old.also(touching, moduli)
         notes[name], warnings = _words(screw, found, said)
         if remarks is not None:
             remarks += [Remark("thread", warning) for warning in warnings]
-    made |= {name: free.of(made[name]) for name, free in shanks.items()}
-    return scene.model_copy(update={"bolt": bolts, "interface": interfaces}), made, notes
+    threaded |= {name: free.of(threaded[name]) for name, free in shanks.items()}
+    return scene.model_copy(update={"bolt": bolts, "interface": interfaces}), threaded, notes
 
 
 def _bond(
@@ -470,12 +488,12 @@ def _bond(
 ) -> None:
     """Bond the thread ``number`` of a screw to a part: a face of both bodies and an interface more."""
     (name, engagement), length = part, screw.thread.length
-    face, own = face_name(screw.name, number), f"{screw.name}_thread" + (f"_{number}" if number > 1 else "")
+    face, name_of_bond = face_name(screw.name, number), _numbered(f"{screw.name}_thread", number)
     bond = screw.interface(name, face)
-    if interfaces.get(own, bond) != bond:
+    if interfaces.get(name_of_bond, bond) != bond:
         what = f"the bond of the thread of bolt {screw.name} has this name"
-        screw.problems.add(f"interface.{own}", what, own, None, "rename one of the two")
-    interfaces[own] = bond
+        screw.problems.add(f"interface.{name_of_bond}", what, name_of_bond, None, "rename one of the two")
+    interfaces[name_of_bond] = bond
     for body, cylinder in ((screw.body.name, engagement.shank), (name, engagement.hole)):
         bodies[body] = _with(bodies[body], face, engagement.bonded(cylinder, length))
 
@@ -507,7 +525,10 @@ def _words(screw: _Screw, found: Mapping[str, Engagement], said: str) -> tuple[s
     for part, engagement in found.items():
         reached = engagement.reached(wanted)
         short = wanted is not None and reached < (1.0 - _EXACT) * wanted
-        bonds.append(f"{part} over {reached:.4g} {unit}" + (f" of {wanted:.4g} asked for" if short else ""))
+        aim = ""
+        if short:
+            aim = f" of {wanted:.4g} asked for"
+        bonds.append(f"{part} over {reached:.4g} {unit}" + aim)
         if wanted is not None and reached < (1.0 - _OFF) * wanted:
             warnings.append(
                 f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {wanted:.4g}: "
@@ -517,7 +538,8 @@ def _words(screw: _Screw, found: Mapping[str, Engagement], said: str) -> tuple[s
         free = "the free shank has no contact"
     else:
         free = "the free shank is in contact"
-    free += ' (shank = "contact" gives it one)' if screw.bolt.shank == "free" else " but for a belt around the cut"
+    if screw.bolt.shank == "free":
+        free += ' (shank = "contact" gives it one)'
     return f"thread bonded to {' and '.join(bonds)}; {free}; {said}", warnings
 
 

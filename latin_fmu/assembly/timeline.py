@@ -48,7 +48,7 @@ class Timeline:
         self,
         assembly: Assembly,
         time: Array,
-        given: Mapping[str, Array],
+        amplitudes: Mapping[str, Array],
         ground_start: Mapping[int, GroundState],
         dt: float | None = None,
     ) -> None:
@@ -56,24 +56,27 @@ class Timeline:
 
         Parameters
         ----------
-        time : (n_time,), s. given : histories (n_time,) from outside by name. ground_start : see ``Assembly.begin``.
-        dt : step of the operators, s; that of ``time`` where None (they may differ by round-off).
+        time : (n_time,), s. amplitudes : histories (n_time,) from outside by name. ground_start : see
+            ``Assembly.begin``. dt : step of the operators, s; that of ``time`` where None (they may differ by
+            round-off).
         """
         if dt is None:
             dt = float(time[1] - time[0])
         for propagator in assembly.propagators:
-            propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self.ground(assembly.interfaces, time, given), ground_start)
+            propagator.begin([self.histories(member, time, amplitudes) for member in propagator.members], dt)
+        assembly.begin(time, dt, self.ground(assembly.interfaces, time, amplitudes), ground_start)
 
-    def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
-        """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
-        amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
+    def histories(
+        self, model: SubstructureModel, time: Array, prescribed: Mapping[str, Array] | None = None
+    ) -> Histories:
+        """Histories that drive one substructure at the instants; ``prescribed`` as the amplitudes for ``begin``."""
+        amplitudes = [self._amplitude(load.name, time, prescribed or {}) for load in model.loads]
         clock = self._scene.time
         conditions = self._conditions[model.name]
-        motion = conditions.driving(time, clock.quasi_static, given or {}, clock.end)
+        motion = conditions.driving(time, clock.quasi_static, prescribed or {}, clock.end)
         return Histories(time, amplitudes, motion, conditions.motion_kinds)
 
-    def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
+    def _amplitude(self, name: str, time: Array, prescribed: Mapping[str, Array]) -> Array:
         if not name:
             return np.ones(len(time))
         if name in self._histories:
@@ -85,14 +88,14 @@ class Timeline:
                 q = self._elongation[name]
                 ramp = ramp - np.interp(time, np.linspace(0.0, self._scene.time.end, len(q)), q)
             return ramp
-        if name in given:
-            return given[name]
+        if name in prescribed:
+            return prescribed[name]
         return sampled(self._laws[name], time)
 
     def ground(
-        self, interfaces: Sequence[InterfaceUnit], time: Array, given: Mapping[str, Array] = NO_ELONGATION
+        self, interfaces: Sequence[InterfaceUnit], time: Array, amplitudes: Mapping[str, Array] = NO_ELONGATION
     ) -> dict[int, Array]:
-        """Velocities (n_time, 3) of the ground by interface, m s-1; ``given`` as for ``begin``."""
+        """Velocities (n_time, 3) of the ground by interface, m s-1; ``amplitudes`` as for ``begin``."""
         ground = {}
         for i, unit in enumerate(interfaces):
             if not unit.against_ground:
@@ -100,7 +103,7 @@ class Timeline:
             moving = self._scene.joints[unit.name].ground_velocity
             ground[i] = np.zeros((len(time), 3))
             if moving is not None:
-                amplitude = given.get(f"ground.{unit.name}", moving.law.sample(time))
+                amplitude = amplitudes.get(f"ground.{unit.name}", moving.law.sample(time))
                 ground[i] = amplitude[:, None] * np.asarray(moving.vector)
             if self._scene.time.quasi_static:  # over the step that ends at each instant
                 ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])

@@ -95,11 +95,13 @@ class Untouched:
     ) -> tuple[dict[str, InterfaceHistory], dict[str, SubstructureHistory]]:
         """Histories of all interfaces and, where any are stored, bodies of the scene, from those of a run without what
         is left out."""
-        own = self._interfaces(
+        interfaces = self._interfaces(
             recorder.series("path"), assembly.scheme.gap_offset(assembly.dt), recorder.request.peak_duration
         )
-        whole = {**histories, **own}
-        rest = self._bodies(recorder.n_kept) if bodies else {}
+        whole = {**histories, **interfaces}
+        rest = {}
+        if bodies:
+            rest = self._bodies(recorder.n_kept)
         return {n: whole[n] for n in self.interfaces}, {n: {**bodies, **rest}[n] for n in self.bodies if bodies}
 
     def _interfaces(
@@ -108,7 +110,7 @@ class Untouched:
         """Histories of the interfaces left out, without tractions; ``paths`` : displacements and velocities
         (n_time, 2, 3 n_point) of ``faces``, ``offset`` : time from the instants to the displacements that give the
         gaps, s."""
-        made = {}
+        histories = {}
         for name, (unit, side) in self.sides.items():
             n_time, geometry = len(paths[name]), unit.geometry
             motion = paths[name].reshape(n_time, 2, geometry.n_point, 3)
@@ -116,7 +118,7 @@ class Untouched:
             along = np.einsum("tkpc,pc->ktp", motion, geometry.frames[:, 0]) * (2 * side - 1)
             velocity = np.zeros((n_time, 2, geometry.n_point, 3))
             velocity[:, side] = motion[:, 1]
-            made[name] = InterfaceHistory(
+            histories[name] = InterfaceHistory(
                 name,
                 unit.behaviour.name,
                 unit.sides,
@@ -133,7 +135,7 @@ class Untouched:
                 cells=geometry.cells,
                 peak_duration=peak_duration,
             )
-        return made
+        return histories
 
     def _bodies(self, n_time: int) -> dict[str, SubstructureHistory]:
         """Histories of the bodies left out, whose energies over so many instants are zero."""
@@ -178,10 +180,10 @@ def never_touched(
         return frozenset()
     way = _Way(scene, bodies, traction)
     for unit in units:
-        own = {name for _, _, name in body_sides([unit])}
+        sides = {name for _, _, name in body_sides([unit])}
         # the normal of the first point: an estimate, which ``touched`` checks after the run
-        if not _stays_open(unit, own, way.along(unit.geometry.frames[0, 0])) or own <= resting:
-            resting -= own
+        if not _stays_open(unit, sides, way.along(unit.geometry.frames[0, 0])) or sides <= resting:
+            resting -= sides
     return frozenset(resting)
 
 
@@ -191,15 +193,15 @@ def _rests(scene: Scene, body: Body) -> bool:
     faces = [load.face for load in scene.loads.values()]
     named = {split_face(face)[0] for face in faces} | {port.body for port in scene.port.values()}
     named |= {sensor.body for sensor in scene.sensor.values()}
-    held = all(isinstance(b, Fixed | Symmetry) for b in scene.boundaries_of(name).values())
+    fixed = all(isinstance(b, Fixed | Symmetry) for b in scene.boundaries_of(name).values())
     loaded = any(load.acts_on(name, scene.substructure[name]) for load in scene.body_loads)
-    return held and name not in named and not described.initial_keys and not loaded
+    return fixed and name not in named and not described.initial_keys and not loaded
 
 
-def _stays_open(unit: InterfaceUnit, own: set[str], way: float) -> bool:
+def _stays_open(unit: InterfaceUnit, sides: set[str], way: float) -> bool:
     """Whether an interface of two bodies is a contact with a gap beyond this way, m."""
     contact = isinstance(unit.behaviour, Contact) and not unit.attached and not unit.preload
-    return contact and len(own) == 2 and float(unit.geometry.gap.min()) > way
+    return contact and len(sides) == 2 and float(unit.geometry.gap.min()) > way
 
 
 class _Way:

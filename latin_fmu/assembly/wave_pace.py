@@ -70,7 +70,9 @@ def _begins_suddenly(scene: Scene, time: Array) -> bool:
     """Whether something acts at t = 0 that no equilibrium has before: loads without a static start, motions of
     faces."""
     first = time[:1]
-    loads = [] if isinstance(scene.time.start, StaticStart) or scene.bolt else list(scene.force_laws.values())
+    loads = []
+    if not (isinstance(scene.time.start, StaticStart) or scene.bolt):
+        loads = list(scene.force_laws.values())
     faces = [boundary.law for boundary in scene.boundary.values() if isinstance(boundary, Driven)]
     return any(float(law.sample(first)[0]) != 0.0 for law in (*loads, *faces))
 
@@ -98,7 +100,10 @@ def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
         else:
             more = ""
         found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
-        remedies.append(_REFINE if reason.startswith("the mesh") else "use smaller steps")
+        remedy = "use smaller steps"
+        if reason.startswith("the mesh"):
+            remedy = _REFINE
+        remedies.append(remedy)
     what = "contacts shorter than the travel time of a wave through a few elements are not resolved; if they matter,"
     text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
     if found:

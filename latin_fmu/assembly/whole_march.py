@@ -26,7 +26,7 @@ class WholeMarch(Protocol):
     def in_words(self) -> str:
         """What is marched."""
 
-    def settings(self, given: SolverSettings) -> SolverSettings:
+    def settings(self, settings: SolverSettings) -> SolverSettings:
         """The rules of the iteration."""
 
     def recorder(self, energy: bool) -> Recorder:

@@ -56,16 +56,16 @@ class TensionLoss:
     def elongation(self, trial: Array, yield_force: float, hardening: float) -> Array:
         """Plastic elongation q (n_time,), m, where the tension without it is ``trial`` (n_time,), N; ``hardening`` H,
         N m-1. The law is rate-independent: q changes where F - H q = +-F_y only."""
-        made, q = np.zeros(len(trial)), 0.0
+        plastic, q = np.zeros(len(trial)), 0.0
         for i, force in enumerate(trial):
             n = min(i, len(self.memory))
-            past = float(self.memory[:n] @ made[i - n : i][::-1])
+            past = float(self.memory[:n] @ plastic[i - n : i][::-1])
             slope = self.kappa[i] + hardening
             over = force - past - slope * q
             if abs(over) > yield_force:
                 q = (force - past - np.copysign(yield_force, over)) / slope
-            made[i] = q
-        return made
+            plastic[i] = q
+        return plastic
 
 
 class Yielding:

@@ -58,8 +58,10 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
             if side != GROUND:
                 yield f"interface.{name}.sides[{i}]", side
     for name, boundary in scene.boundary.items():
-        for i, face in enumerate(faces_of(boundary)):
-            yield f"boundary.{name}.faces[{i}]" if isinstance(boundary, Periodic) else f"boundary.{name}.face", face
+        if isinstance(boundary, Periodic):
+            yield from ((f"boundary.{name}.faces[{i}]", face) for i, face in enumerate(boundary.faces))
+        else:
+            yield f"boundary.{name}.face", boundary.face
     for name, load in scene.load.items():
         yield f"load.{name}.face", load.face
     for name, sensor in scene.sensor.items():
@@ -67,7 +69,7 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
             yield f"sensor.{name}.face", sensor.face
     for name, port in scene.port.items():
         yield f"port.{name}.face", port.face
-    for where, place in places_of(scene) if scene.point_mass or scene.spring or scene.coupling else ():
+    for where, place in places_of(scene):
         if place.face is not None:
             yield f"{where}.face", place.face
 
@@ -94,12 +96,11 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
             continue
         if face not in faces and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, faces, 1)
+            remedy = None
+            if close:
+                remedy = f"did you mean {substructure}.{close[0]!s}?"
             problems.add(
-                where,
-                "unknown face",
-                side,
-                ", ".join(faces) or "no named surface group touches this volume",
-                f"did you mean {substructure}.{close[0]!s}?" if close else None,
+                where, "unknown face", side, ", ".join(faces) or "no named surface group touches this volume", remedy
             )
 
 
@@ -166,15 +167,11 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     for where, law in laws:
         error = abs(sampled_impulse_error(law, time))
         if error > _SAMPLING:
-            smooth = isinstance(law, HalfSineLaw)
-            remarks.append(
-                f"{where}: its time integral, sampled at the time steps, has an error of {100 * error:.2g} % "
-                + (
-                    f"(a step of {float(time[1] - time[0]):.3g} s is too long for this law): use smaller steps"
-                    if smooth
-                    else "(jumps within a step): place the jumps at ends of steps, or use smaller steps"
-                )
-            )
+            remedy = "(jumps within a step): place the jumps at ends of steps, or use smaller steps"
+            if isinstance(law, HalfSineLaw):
+                remedy = f"(a step of {float(time[1] - time[0]):.3g} s is too long for this law): use smaller steps"
+            what = f"its time integral, sampled at the time steps, has an error of {100 * error:.2g} %"
+            remarks.append(f"{where}: {what} {remedy}")
     return remarks
 
 

@@ -54,7 +54,9 @@ def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
     scene = problem.scene
     bodies = problem.bodies
     units = problem.units
-    of_units = [] if meant_system(scene) else size_remarks(bodies)
+    of_units = []
+    if not meant_system(scene):
+        of_units = size_remarks(bodies)
     return [
         *([*of_units, *_material_remarks(scene)] if scene.unit_system.measurable else []),
         *_friction_remarks(units),
@@ -179,7 +181,9 @@ def _gap_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> Iter
         gap = float(unit.geometry.gap.min())
         if gap > _GAP * size:
             text = f"a gap of {gap:.4g} {length} between bodies of {size:.4g} {length}: "
-            text += f"{'is it in mm, or ' if length == 'm' else ''}is a mesh misplaced?"
+            if length == "m":
+                text += "is it in mm, or "
+            text += "is a mesh misplaced?"
             yield Remark("gap", f"interface {unit.name}: {text}")
 
 

@@ -120,8 +120,10 @@ def body_ends(problem: SolverReadyProblem) -> dict[str, BodyEnd]:
             u = full_displacement(propagator, j)
             if not np.isfinite(u).all():
                 ends[name] = BodyEnd(u, np.full(3, np.inf))  # a fault by ``_turned``
+            elif u.any():
+                ends[name] = BodyEnd(u, _spin(problem.info[name].nodes, u))
             else:
-                ends[name] = BodyEnd(u, _spin(problem.info[name].nodes, u) if u.any() else np.zeros(3))
+                ends[name] = BodyEnd(u, np.zeros(3))
     return ends
 
 
@@ -193,7 +195,8 @@ def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStr
     cell = np.asarray(info.cells)[worst.element]
     at = ", ".join(f"{x:.4g}" for x in info.nodes[cell[cell >= 0]].mean(axis=0))
     more = [f"{name} ({words})" for name, words in zip(over[1:], others, strict=True)]
-    more[_NAMED:] = [f"{len(more) - _NAMED} more"] if len(more) > _NAMED else []
+    if len(more) > _NAMED:
+        more[_NAMED:] = [f"{len(more) - _NAMED} more"]
     return [
         f"substructure {over[0]} exceeds its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
         f"at least {first}, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
@@ -565,12 +568,13 @@ def _strayed(problem: SolverReadyProblem, history: InterfaceHistory, time: Array
         share = 0.0
     if not share <= TOLD:  # NaN, too
         fault, depth = not share <= STRAYED, readable(float(history.sunk().max()), problem.unit_system.label("m"), 3)
+        limit = ""
+        if fault:
+            limit = f" (allowed: {percent(STRAYED)})"
         yield Sinking(
             f"interface {history.name}: its sides, pressed together by loads alone, have approached by {depth} at "
             f"points that stayed closed; the inertia of this motion changes the force between them by {percent(share)} "
-            "of its largest value in the mean over a few steps, at single instants by more"
-            + (f" (allowed: {percent(STRAYED)})" if fault else "")
-            + f": {_finer(problem)}",
+            f"of its largest value in the mean over a few steps, at single instants by more{limit}: {_finer(problem)}",
             fault,
         )
 

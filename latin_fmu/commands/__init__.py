@@ -130,8 +130,11 @@ class Waiting:
         if passed < PATIENCE:
             return None
         # by the share that is done, if any, else by the time foreseen
-        whole = passed / self._share if self._share > 0.0 else self._seconds
-        remainder = None if whole is None else max(whole - passed, 0.0)
+        whole, remainder = self._seconds, None
+        if self._share > 0.0:
+            whole = passed / self._share
+        if whole is not None:
+            remainder = max(whole - passed, 0.0)
         return f"{self._text}: {_amount(passed)} so far{_left(remainder)}"
 
     def _show(self) -> None:
@@ -188,7 +191,9 @@ class Progress(Waiting):
             return super().line()
         done, total, iteration, error = self._state
         begun, before = self._origin
-        remainder = (self._clock() - begun) * (total - done) / (done - before) if done > before else None
+        remainder = None
+        if done > before:
+            remainder = (self._clock() - begun) * (total - done) / (done - before)
         if iteration == 0:
             return f"derivatives: {100 * done // max(total, 1)} % ({done} of {total} instants){_left(remainder)}"
         if total == 1:

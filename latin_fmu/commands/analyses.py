@@ -271,7 +271,9 @@ def _measured(options: BackboneOptions, units: UnitSystem) -> Array | None:
         table = np.array(read_columns(Path(), str(options.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
     except PydanticCustomError as error:
         said = error.context or {}
-        value = None if said.get("value") is None else str(said["value"])
+        value = None
+        if said.get("value") is not None:
+            value = str(said["value"])
         problem = Problem("--measured", str(said.get("what", error)), value, said.get("allowed"), said.get("remedy"))
         raise InputError([problem], "bad argument") from None
     return table * [factor(length, units) if length else 1.0, 1.0, factor(ratio)]
@@ -505,7 +507,9 @@ def _sensors(tree: xr.DataTree, of: OfSensors, heading: str) -> list[str]:
     ------
     LatinError : it has none, or not one that the options name.
     """
-    sensors = list(tree["sensors"].children) if "sensors" in tree.children else []
+    from ..results.groups import children_of
+
+    sensors = list(children_of(tree, "sensors"))
     if not sensors:
         what = "the results have no sensors"
         problem = Problem(str(of.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
@@ -544,8 +548,10 @@ def _spectra(
     for number, name in enumerate(chosen):
         waiting.reached(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
-        by_file = name in stored and not requested
-        yield name, stored_spectrum(node["spectrum"]) if by_file else (_computed(name, node, request), None)
+        if name in stored and not requested:
+            yield name, stored_spectrum(node["spectrum"])
+        else:
+            yield name, (_computed(name, node, request), None)
 
 
 def _said(options: SrsOptions, keys: Sequence[str]) -> dict[str, Any]:

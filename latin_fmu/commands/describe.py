@@ -148,7 +148,9 @@ def _effects_in_runs(
         return report, coarse.text(), bool(coarse.interrupted)
     settings = [suggestion.settings for suggestion in explanation.suggestions if suggestion.settings]
     seconds = explanation.prediction["cpu_seconds_set_up"] + explanation.prediction["cpu_seconds_instants"]
-    budget = None if max_cpu is None else max(max_cpu - (time.process_time() - begin), 0.0)
+    budget = None
+    if max_cpu is not None:
+        budget = max(max_cpu - (time.process_time() - begin), 0.0)
     with Waiting("runs with one effect changed at a time") as waiting:
         measured = measured_effects(scene, settings, seconds, budget, waiting.reached)
     text = f"{coarse.text()}\n\n{measured.text()}"
@@ -164,7 +166,9 @@ def _compiled_size(of: OfScene, modes: int) -> int:
     if modes < 0:
         raise InputError([Problem("--fmu", "too few modes", str(modes), "1 or more; nothing for all dofs")])
     checks = import_module("fmu_build.checks")
-    settings = [checks.SETTING.format(modes)] if modes else []
+    settings = []
+    if modes:
+        settings = [checks.SETTING.format(modes)]
     size: int = checks.compiled_size(load_scene(of.scene, [*of.overrides, *settings]))
     return size
 
@@ -177,14 +181,19 @@ def plot(options: PlotOptions) -> int:
     from ..results.writing import check_target
 
     target = options.output or options.file.with_suffix(".png")
-    check_figure_path(target, FORMATS if _is_scene(options.file) else (*FORMATS, FILM))
+    if _is_scene(options.file):
+        check_figure_path(target, FORMATS)
+    else:
+        check_figure_path(target, (*FORMATS, FILM))
     check_target(target)
     _check_options(options, target.suffix.lower() == FILM)
     with Waiting("figure") as waiting:
         if target.suffix.lower() == FILM:
             _film(options, target, waiting)
+        elif _is_scene(options.file):
+            save_figure(_scene_figure(options), target)
         else:
-            save_figure(_scene_figure(options) if _is_scene(options.file) else _results_figure(options), target)
+            save_figure(_results_figure(options), target)
     print(f"figure: {target}")
     return CONVERGED
 
@@ -340,7 +349,10 @@ def reference(schema: Annotated[bool, Option("print the JSON schema instead")] =
     """Print every key of a scene file, with units and defaults."""
     from ..scene.reference import reference_schema, reference_text
 
-    print(json.dumps(reference_schema(), indent=2) if schema else reference_text())
+    if schema:
+        print(json.dumps(reference_schema(), indent=2))
+    else:
+        print(reference_text())
     return CONVERGED
 
 
@@ -373,7 +385,11 @@ class _ModelRow:
 def demo(name: Annotated[str | None, Argument("model to copy into the current folder", "NAME")] = None) -> int:
     """List the models that come with the package, or copy one."""
     folder = models_folder()
-    print("\n".join(_list(_models(folder)) if name is None else _copy(folder, name)))
+    if name is None:
+        lines = _list(_models(folder))
+    else:
+        lines = _copy(folder, name)
+    print("\n".join(lines))
     return CONVERGED
 
 
@@ -432,7 +448,9 @@ def _copy(folder: Path, name: str) -> list[str]:
     target = check(name)
     write_whole(target, lambda draft: _fill(draft, folder / name), check, rescue=False)
     scenes = sorted(target.glob("*.toml"), key=lambda path: (path.stem != "scene", path.stem))
-    others = [f"other scenes: {', '.join(map(str, scenes[1:]))}"] if scenes[1:] else []
+    others = []
+    if scenes[1:]:
+        others = [f"other scenes: {', '.join(map(str, scenes[1:]))}"]
     return [
         f"copied to {target}{os.sep}: {', '.join(sorted(path.name for path in target.iterdir()))}",
         *others,

@@ -202,7 +202,9 @@ def _acting(scene: Scene) -> list[str]:
     if not (actions or starts):
         what, remedy = "nothing loads or moves a body in this FMU: every result is zero", "add a [load] to the scene"
         return [f"warning: {what}; {remedy}"]
-    lines = [f"FMU inputs set by the importer, start values: {listed(starts)}"] if starts else []
+    lines = []
+    if starts:
+        lines = [f"FMU inputs set by the importer, start values: {listed(starts)}"]
     if actions:
         free = [name for name, law in settable_of(scene).items() if not isinstance(law, InputLaw)]
         if free and not starts:
@@ -323,12 +325,17 @@ def simulate(options: SimulateOptions) -> int:
 
     target = options.output
     check_target(target)
-    inputs = None if options.input is None else read_columns(options.input)
+    inputs = None
+    if options.input is not None:
+        inputs = read_columns(options.input)
     drive = opened(options.fmu, dict(_pair(text) for text in options.start), inputs)
     # 0 and none: that of the FMU
     step, stop = options.step or drive.step_size, options.stop or drive.stop_time
     if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] >= 0.0):
-        which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
+        if inputs["time"][0] >= stop:
+            which, ends = "first", "begins after"
+        else:
+            which, ends = "last", "ends before"
         what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are kept constant"
         say(f"latin-fmu: warning: {what}; check that its times are in s")
     rows: list[Sequence[float]] = []
@@ -396,7 +403,10 @@ def read_columns(path: Path) -> dict[str, list[float]]:
     problem = Problem(str(path), "not a table of numbers", None, "a header, then one row per time")
     try:
         if not path.is_file():
-            problem = Problem(str(path), "not a regular file" if path.exists() else "no such file")
+            what = "not a regular file"
+            if not path.exists():
+                what = "no such file"
+            problem = Problem(str(path), what)
             raise ValueError
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]

@@ -115,16 +115,17 @@ class _Declared:
         by_place, optional = isinstance(self.option, Argument), self.default is not _MISSING
         # what is not given is not in the result, and the default of the signature holds; plain defaults are there, for
         # checks of the arguments before the command runs
-        keywords: dict[str, Any] = {"default": self.default if isinstance(self.default, _PLAIN) else argparse.SUPPRESS}
+        keywords: dict[str, Any] = {"default": argparse.SUPPRESS}
+        if isinstance(self.default, _PLAIN):
+            keywords["default"] = self.default
         if not by_place:
             keywords |= {"dest": self.name, "required": not optional}
         if self.kind is bool:
             return keywords | {"action": "store_false" if self.default is True else "store_true"}
-        words = get_args(self.kind) if get_origin(self.kind) is tuple else ()
-        if words:
-            one = words[0]
-        else:
-            one = self.kind
+        words: tuple[Any, ...] = ()
+        if get_origin(self.kind) is tuple:
+            words = get_args(self.kind)
+        one, *_ = [*words, self.kind]
         if get_origin(one) is Literal:
             keywords["choices"] = get_args(one)
         elif self.option.read is None and one not in _PLAIN:
@@ -213,7 +214,9 @@ class CommandParser(argparse.ArgumentParser):
         ------
         TypeError : a parameter without a sentence, in the docstring of the function that it goes to neither.
         """
-        documentation = [documented(name) for name in self._feeds] if self._borrowers else []
+        documentation = []
+        if self._borrowers:
+            documentation = [documented(name) for name in self._feeds]
         for action, one in self._borrowers:
             assert one.option is not None
             sentence, default = next((found[one.name] for found in documentation if one.name in found), ("", None))
@@ -265,12 +268,15 @@ class Command:
         """Declare it with its options; its name and help are those of the function."""
         said = inspect.getdoc(self.function) or ""
         text = " ".join(said.split("\n\n")[0].split())
+        formatter = argparse.HelpFormatter
+        if self.examples:
+            formatter = argparse.RawDescriptionHelpFormatter
         parser = add(
             self.function.__name__,
             help=(text[:1].lower() + text[1:]).rstrip("."),
             description=text,
             epilog=self.examples,
-            formatter_class=argparse.RawDescriptionHelpFormatter if self.examples else argparse.HelpFormatter,
+            formatter_class=formatter,
         )
         parser.declare(self.function, self.feeds)
         parser.set_defaults(command=self)

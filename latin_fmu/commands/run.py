@@ -221,7 +221,9 @@ def _run_alone(options: SolveOptions, signals: StopSignals) -> int:
     wanted = _target(scene, options)
     # before the search: it refuses options that contradict each other
     checkpoint = _checkpoint(Path(f"{target}.checkpoint"), options, signals, wanted is not None)
-    choice = None if wanted is None else _chosen(scene, wanted, options)
+    choice = None
+    if wanted is not None:
+        choice = _chosen(scene, wanted, options)
     if choice is None:
         solution = _solve(scene, options, signals, checkpoint=checkpoint, stream=_folder(checkpoint.path))
         solution = _estimated(scene, solution, options, stream=_folder(target))
@@ -229,7 +231,9 @@ def _run_alone(options: SolveOptions, signals: StopSignals) -> int:
         raise SolverError(choice.sentence)
     else:
         solution = choice.solution
-    written = [] if choice is None else [choice.sentence]
+    written = []
+    if choice is not None:
+        written = [choice.sentence]
     # a signal does not interrupt the writing: it ends the process with its code below
     signals.noted = True
     with Waiting("writing the results", quiet=options.quiet):
@@ -324,7 +328,9 @@ def _target(scene: Scene, options: SolveOptions) -> float | None:
     if text is None:
         return scene.accuracy.target
     try:
-        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+        value = float(text.removesuffix("%"))
+        if text.endswith("%"):
+            value = value / 100.0
     except ValueError:
         value = -1.0
     if not 0.0 < value < 1.0:
@@ -337,7 +343,10 @@ def _chosen(scene: Scene, wanted: float, options: SolveOptions) -> Choice:
     """The search for the settings; what it does goes to stderr."""
     from ..accuracy.adaptive_resolution import choose
 
-    log = (lambda _: None) if options.quiet else say
+    def log(text: str) -> None:
+        if not options.quiet:
+            say(text)
+
     return choose(scene, wanted, options.max_cpu or _SEARCH, log)
 
 
@@ -413,7 +422,10 @@ def _show(
     UnwrittenError : outputs are ``lost``; after the numbers, which a full disk must not cost as well.
     """
     if options.json:
-        print(json_lines(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
+        report = solution.report()
+        if choice is not None:
+            report = report | {"accuracy_target": choice.report()}
+        print(json_lines(report))
     elif not options.quiet:
         print("\n".join([solution.summary(options.details), "", *written]))
     if not options.quiet and options.json:

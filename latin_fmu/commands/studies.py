@@ -268,7 +268,10 @@ def stress(
 
         def report(row: CaseResult) -> None:
             done.append(row)
-            waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
+            outcome = "holds "
+            if not row.passed:
+                outcome = "FAILS "
+            waiting.log(f"{outcome} {row.case}: {row.measured}")
             waiting.reached(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
 
         rows = run_suite(every, report, max_cpu)
@@ -321,7 +324,9 @@ def sweep(options: SweepOptions, signals: Signals) -> int:
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
     if options.json:
         report = StoredGroup.of_dataset(study).report()
-        print(json_lines(report if options.samples is None else report | {"bands": compared.report()}))
+        if options.samples is not None:
+            report = report | {"bands": compared.report()}
+        print(json_lines(report))
     elif lines:
         print("\n".join(lines))
     written = f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})"
@@ -355,7 +360,9 @@ def calibrate(options: CalibrateOptions) -> int:
         calibration = calibrate(scene, options.data, options.fit, **handed(options, calibrate), log=waiting.log)
     tell(options.json, calibration.lines(), calibration.report)
     # comments stay where the file has all the numbers
-    source = None if options.overrides else options.scene.read_text(encoding="utf-8-sig")
+    source = None
+    if not options.overrides:
+        source = options.scene.read_text(encoding="utf-8-sig")
     write_bytes(target, calibration.text(source).encode())
     save_figure(calibration_figure(calibration), picture)
     tell_written(options.json, f"calibrated scene: {target}, figure: {picture}")

@@ -74,7 +74,9 @@ def _compiled() -> Path:
         with tempfile.TemporaryDirectory(dir=build) as folder:
             output = Path(folder) / name
             files = [str(path) for path in sources() if path.suffix == ".c"]
-            more = [] if sys.platform == "win32" else ["-lm"]
+            more = []
+            if sys.platform != "win32":
+                more = ["-lm"]
             cache = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(build / "zig"))
             command = [*_compiler(), *_OPTIONS, "-o", str(output), *files, *more]
             done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **cache})

@@ -151,7 +151,9 @@ class Drives:
             terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]
             for name in SUMS:
                 # a term that is absent has no amplitudes, and no column
-                amplitudes = terms[name].amplitudes if name in terms else []
+                amplitudes = []
+                if name in terms:
+                    amplitudes = terms[name].amplitudes
                 parts.append(np.array([a[instant] for a in amplitudes]))
             if k:
                 parts.append(forcing.motion_table()[:, instant].ravel())
@@ -184,8 +186,9 @@ class Drives:
 
     def inertia(self) -> list[float]:
         """Largest nodal force of inertia of each class at the first instant, N, that its motion from outside brings."""
-        moved = not self.assembly.quasi_static
-        forces = [propagator.forcing.inertia(0) if moved else None for propagator in self.assembly.propagators]
+        if self.assembly.quasi_static:
+            return [0.0] * len(self.assembly.propagators)
+        forces = [propagator.forcing.inertia(0) for propagator in self.assembly.propagators]
         return [0.0 if force is None else float(np.abs(force).max(initial=0.0)) for force in forces]
 
     def force_products(self) -> Array:

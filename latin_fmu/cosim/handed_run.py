@@ -98,7 +98,9 @@ class HandedRun:
         self._run = run
         run.image.write()
         self._raised: BaseException | None = None
-        self._method = None if notify is None else weakref.WeakMethod(notify)
+        self._method = None
+        if notify is not None:
+            self._method = weakref.WeakMethod(notify)
         self._answered = np.ones(1, dtype=np.int64)
         this, answered = weakref.ref(self), self._answered
 
@@ -162,7 +164,9 @@ class HandedRun:
             self._tabulate(a, b)
         else:
             self._run.image.callouts.check()
-        method = None if self._method is None else self._method()
+        method = None
+        if self._method is not None:
+            method = self._method()
         if method is not None:
             method(what, a, b, c)
 

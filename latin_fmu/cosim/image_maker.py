@@ -86,12 +86,16 @@ class ImageMaker:
         from .settings import Settings
 
         number = {v.name: numbers[i] for i, v in enumerate(self._table) if v.causality == "parameter"}
+        if accuracy > 0.0:
+            tolerance = tolerance_for(accuracy)
+        else:
+            tolerance = number["tolerance"]
         return Settings(
             mode=int(number["mode"]),
             interpolation=int(number["inputInterpolation"]),
             time_step=number["timeStep"],
             end_time=number["endTime"],
-            tolerance=tolerance_for(accuracy) if accuracy > 0.0 else number["tolerance"],
+            tolerance=tolerance,
             max_iterations=int(number["maxIterations"]),
         )
 

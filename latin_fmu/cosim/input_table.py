@@ -64,18 +64,21 @@ class InputKind:
     def acting(self, scene: Scene) -> dict[str, Any]:
         """The tables of this kind, by name; one that has no name by an empty one."""
         tables = getattr(scene, self.tables)
+        named: dict[str, Any] = {}
         if isinstance(tables, dict):
             named = tables
-        else:
-            named = {} if tables is None else {"": tables}
+        elif tables is not None:
+            named = {"": tables}
         return {name: table for name, table in named.items() if self.acts(table)}
 
     def updated(self, scene: Scene, new: Mapping[str, Any]) -> Scene:
         """The scene with some of its tables replaced."""
         old = getattr(scene, self.tables)
-        return scene.model_copy(
-            update={self.tables: {**old, **new} if isinstance(old, dict) else new[""]} if new else {}
-        )
+        if not new:
+            return scene.model_copy()
+        if isinstance(old, dict):
+            return scene.model_copy(update={self.tables: {**old, **new}})
+        return scene.model_copy(update={self.tables: new[""]})
 
 
 def _with(table: Any, path: str, law: TimeLaw) -> Any:

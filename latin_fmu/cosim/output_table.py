@@ -226,7 +226,9 @@ def _pair(causality: str, method: str, what: tuple[Any, ...], *words: tuple[str,
     """Of ports of a causality what a method of ``Signals`` gives for translations and for rotations."""
     for turned, (name, unit, meaning) in enumerate(words):
         of, axes = _read(method, turned, *what), _connected(causality, turned)
-        lag = _read("half_before", turned) if method == "exerted" else None
+        lag = None
+        if method == "exerted":
+            lag = _read("half_before", turned)
         yield OutputKind(name, unit, meaning, of, axes, at_start=True, lag=lag)
 
 
@@ -372,7 +374,10 @@ class Placed(NamedTuple):
             if not row.unit:
                 yield Variable(name, "output", "discrete", "integer", text, minimum=row.least)
                 continue
-            depends = inputs if row.at_start else ()
+            if row.at_start:
+                depends = inputs
+            else:
+                depends = ()
             yield output(name, row.unit, text, minimum=row.least, maximum=row.most, initial_dependencies=depends)
 
 

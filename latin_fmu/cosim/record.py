@@ -37,7 +37,7 @@ class Record:
 
     def __init__(self, run: CommunicationRun, rule: int) -> None:
         self._run, self._rule, self.segments = run, rule, list[Segment]()
-        self._first, self._made, self._before = -1, 0, np.zeros(0)
+        self._first, self._steps, self._before = -1, 0, np.zeros(0)
 
     def begin(self) -> None:
         """Forget what was recorded: a communication step begins."""
@@ -52,7 +52,7 @@ class Record:
             self.segments = []
         if not self.segments:
             self._first = steps
-        self._made, self._before = steps, image.state.copy()
+        self._steps, self._before = steps, image.state.copy()
 
     def have_made(self, n: int) -> None:
         """After a call of the kernels that made n time steps."""
@@ -66,7 +66,7 @@ class Record:
         start = drives[0, :n_x].copy()
         after = image.state.copy()
         image.state[:] = self._before
-        recorder = self._opened(start, amplitudes, self._made)
+        recorder = self._opened(start, amplitudes, self._steps)
         image.state[:] = after
         march.windows = WindowList()
         self._keep(recorder, 1, n)
@@ -98,7 +98,9 @@ class Record:
         run = self._run
         assembly = run.problem.assembly
         energy = recorder.assembly_energy(assembly)
-        stored = None if energy is None else float(energy["kinetic"][0] + energy["elastic"][0])
+        stored = None
+        if energy is not None:
+            stored = float(energy["kinetic"][0] + energy["elastic"][0])
         converged, sentence = run.run.status(energy, stored)
         histories = recorder.sensors(assembly), recorder.reactions(assembly), recorder.bolt_histories()
         time, windows = assembly.time[: recorder.n_kept], run.run.windows
@@ -133,14 +135,14 @@ class WholeRecord(Record):
 
     def about_to(self, steps: int, _whole: int) -> None:
         """As for ``Record``."""
-        self._made = steps
+        self._steps = steps
 
     def have_made(self, n: int) -> None:
         """As for ``Record``."""
         if n < 1:
             return
         assert self._recorder is not None
-        self._keep(self._recorder, self._made + 1, n)
+        self._keep(self._recorder, self._steps + 1, n)
 
     def segment(self) -> Segment | None:
         """What was recorded; None before anything was."""

@@ -53,7 +53,7 @@ class SceneEngine:
         self._started = StartedRun(scene, settings.tolerance)
         self.engine: Engine | None = None
         self._record: Record | None = None
-        self._known: dict[str, InterfaceHistory] = {}
+        self._last_histories: dict[str, InterfaceHistory] = {}
 
     @property
     def run(self) -> CommunicationRun | None:
@@ -80,7 +80,7 @@ class SceneEngine:
         else:
             most = run.steps
         handed = HandedRun(run, table, self._notify if records else None, most, whole=True)
-        self._known = {}
+        self._last_histories = {}
         sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
         self.engine = Engine(handed, *sizes, run.run.at_work if run.run.several else None)
         self._record = None
@@ -221,9 +221,9 @@ class SceneEngine:
 
     def _geometries(self) -> dict[str, InterfaceHistory]:
         """A history of each interface, for all but its fields."""
-        if not self._known:
+        if not self._last_histories:
             assert self.run is not None
             assembly = self.run.problem.assembly
             rows = InterfaceRows(assembly, np.zeros((1, InterfaceRows.width_of(assembly))))
-            self._known = rows.histories(1, self.run.problem.output.peak_duration)
-        return self._known
+            self._last_histories = rows.histories(1, self.run.problem.output.peak_duration)
+        return self._last_histories

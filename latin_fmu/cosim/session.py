@@ -135,15 +135,18 @@ class Session:
             return refused("the session is not initialized")
         keeps = self.settings.keep
         # before the step, which accepts what they follow from
-        rates = self._solver.rates(self._loads) if keeps else {}
+        rates = {}
         if keeps:
+            rates = self._solver.rates(self._loads)
             self._solver.begin_step()
         status, message, end, n = engine.step(float(t), float(h), early, self._loads.table)
         if status > WARNING:
             return refused(message, again=status == DISCARD)
         self.time, self.row = end, engine.row
         if keeps and n >= 0:
-            segments = () if self.settings.prescribed else tuple(self._solver.segments)
+            segments = tuple(self._solver.segments)
+            if self.settings.prescribed:
+                segments = ()
             self.step_history.append(AcceptedStep(t, end, self.row, dict(self._loads.value), rates, segments))
         if n < 1:
             return StepReport(True)
@@ -183,7 +186,10 @@ class Session:
 
     def window(self) -> tuple[Array, dict[str, InterfaceHistory]]:
         """Instants (n,), s, and interface histories of the last step (the whole interval in prescribed mode)."""
-        time, histories = self._solver.window() if self.started else (np.zeros(0), {})
+        if self.started:
+            time, histories = self._solver.window()
+        else:
+            time, histories = np.zeros(0), {}
         return self._t0 + time, histories
 
     def instant(self) -> tuple[int, int]:
@@ -232,7 +238,9 @@ class Session:
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
         with computable():
-            engine = self._solver.ready(self._loads.starts()) if not self.started else self._solver.engine
+            engine = self._solver.engine
+            if not self.started:
+                engine = self._solver.ready(self._loads.starts())
         assert engine is not None
         return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.table)
 

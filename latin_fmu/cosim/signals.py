@@ -67,10 +67,15 @@ class SignalPlaces:
             m = len(propagator.members)
             rows = self.probes.rows[c]
             slides = self.probes.slide.rows[c]
-            self._n_sensor.append(0 if rows is None else rows.shape[0])
+            if rows is None:
+                self._n_sensor.append(0)
+            else:
+                self._n_sensor.append(rows.shape[0])
             self._sensed.append(at)
             self._probed.append(at + propagator.n_sensed * self._n_sensor[-1] * m)
-            at = self._probed[-1] + (0 if slides is None else slides.shape[0] * m)
+            at = self._probed[-1]
+            if slides is not None:
+                at += slides.shape[0] * m
             self._motions.append(of_motion)
             n_history = STRAIN + len(propagator.branches)
             of_motion += n_history * propagator.members[0].imposed_pattern.shape[1] * m

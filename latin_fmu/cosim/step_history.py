@@ -63,7 +63,7 @@ class StepHistory:
     def __init__(self) -> None:
         self.head: Link | None = None
         self._forgotten = ""  # identity of a last step that is not in memory
-        self._known: WeakValueDictionary[str, Link] = WeakValueDictionary()
+        self._links: WeakValueDictionary[str, Link] = WeakValueDictionary()
         self._recent: deque[Link] = deque(maxlen=self.RECENT)
 
     @property
@@ -76,13 +76,13 @@ class StepHistory:
     def append(self, step: AcceptedStep) -> None:
         """Add a step after the last one."""
         self.head = Link(step, self.head, self.identity)
-        self._known[self.head.identity] = self.head
+        self._links[self.head.identity] = self.head
         self._recent.append(self.head)
 
     def move_to(self, identity: str) -> None:
         """Make the step with this identity the last one."""
         # not known any more: None, so that the history begins anew behind that identity
-        self.head, self._forgotten = self._known.get(identity), identity
+        self.head, self._forgotten = self._links.get(identity), identity
 
     def clear(self) -> None:
         """Remove all steps."""
@@ -108,8 +108,10 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
     curves: dict[str, Curve] = {}
     for name, (_, curve) in before.items():
         first = rule_of(name, rule, steps[0].rate[name])
-        # a line starts from the value reached, which is not among those of the step
-        times, values = [0.0], [curve[-1] if first == LINE else steps[0].value[name]]
+        times, values = [0.0], [steps[0].value[name]]
+        if first == LINE:
+            # a line starts from the value reached, which is not among those of the step
+            values = [curve[-1]]
         for step in steps:
             value, h = step.value[name], step.end - step.start
             step_rule = rule_of(name, rule, step.rate[name])
@@ -117,8 +119,10 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
             if step_rule != LINE and value != values[-1]:
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)
+            if step_rule not in (HOLD, LINE):
+                value = value + step.rate[name] * h
             times.append(step.end - t0)
-            values.append(value if step_rule in (HOLD, LINE) else value + step.rate[name] * h)
+            values.append(value)
         curves[name] = (tuple(times), tuple(values))
     return curves
 

@@ -232,7 +232,10 @@ def _word(number: int | float) -> bytes:
 def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str, int]) -> list[int | float]:
     # below 0: the size is the value of a variable
     sizes = [size if isinstance(size, int) else -1 - references[size] for size in variable.dimensions]
-    start = texts.place(str(variable.start or "")) if variable.kind == "string" else float(variable.start or 0.0)
+    if variable.kind == "string":
+        start = float(texts.place(str(variable.start or "")))
+    else:
+        start = float(variable.start or 0.0)
     kind = _ROLES.index(role[0])
     place = role[1]
     width = role[2]

@@ -86,15 +86,19 @@ def _impedances(scene: Scene) -> Iterator[Variable]:
         # other ports have components and no impedance
         for component, impedance in zip(port.components, port.impedance or (), strict=bool(port.impedance)):
             turned = COMPONENTS.index(component) // 3
-            unit, about = ("N m s", ", of a rotation") if turned else ("N s m-1", "")
+            if turned:
+                unit, about = "N m s", ", of a rotation"
+            else:
+                unit, about = "N s m-1", ""
             text = f"impedance Z of port {name}{about}, {component[-1]}"
             yield Variable(indexed(name, words, component), "local", "constant", "real", text, unit, impedance)
 
 
 def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:
     """The variable table: scalars, and arrays where the number of points of each interface is given."""
-    arrays = () if n_point is None else _arrays(scene, n_point)
-    return (*scalar_table(scene), *arrays)
+    if n_point is None:
+        return scalar_table(scene)
+    return (*scalar_table(scene), *_arrays(scene, n_point))
 
 
 # -- arrays (FMI 3) ----------------------------------------------------------------------------------------------
@@ -125,7 +129,9 @@ def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
         if placed.row.over_window:
             what, n = f"{placed.row.over_window} at the instants of the window", len(placed.names)
             where, _, name = placed.stem.rpartition(".")
-            sizes = (*_INSTANTS, n) if n > 1 else _INSTANTS
+            sizes: tuple[str | int, ...] = _INSTANTS
+            if n > 1:
+                sizes = (*_INSTANTS, n)
             yield output(f"{where}.window.{name}", placed.row.unit, what, dimensions=sizes)
     for name, interface in scene.joints.items():
         for what, (unit, meaning, shape) in AT_POINTS.items():

@@ -120,8 +120,9 @@ def flat_pieces(kind: str, straight: bool) -> Array:
     triangle = FACET_CORNERS[kind] == 3
     if straight or not quadratic(kind):
         return (_TRIANGLE if triangle else _SIGNS)[None]
-    nodes, pieces = (_TRIANGLE_NODES, _TRIANGLE_PIECES) if triangle else (_QUAD_NODES, _QUAD_PIECES)
-    return np.asarray(nodes[np.array(pieces)])
+    if triangle:
+        return np.asarray(_TRIANGLE_NODES[np.array(_TRIANGLE_PIECES)])
+    return np.asarray(_QUAD_NODES[np.array(_QUAD_PIECES)])
 
 
 def is_straight(kind: str, places: Array) -> bool:
@@ -246,21 +247,28 @@ def face_of(places: Array, facets: FacetSet) -> Face:
     areas = np.zeros(len(nodes))
     vector_areas = np.zeros((len(nodes), 3))
     for block in facets.blocks:
-        integrals = _curved_integrals if quadratic(block.kind) else _facet_integrals
-        scalar, vector = integrals(block.kind, places[block.facets])
+        if quadratic(block.kind):
+            scalar, vector = _curved_integrals(block.kind, places[block.facets])
+        else:
+            scalar, vector = _facet_integrals(block.kind, places[block.facets])
         # not by an index alone: facets share nodes, and ``a[at] += b`` would keep one share of each
         at = np.searchsorted(nodes, block.facets)
         np.add.at(areas, at, scalar)
         np.add.at(vector_areas, at, vector)
     # u = L u~, and int phi~ = L^T int phi
-    change = _edge_matrix(facets, nodes, 1 - 2 * ALPHA, ALPHA) if changes_basis(facets) else None
+    change = None
+    if changes_basis(facets):
+        change = _edge_matrix(facets, nodes, 1 - 2 * ALPHA, ALPHA)
     return Face(nodes, areas, vector_areas, change)
 
 
 def _at_gauss_points(kind: str, places: Array) -> tuple[Array, Array, Array]:
     """Shape functions (n_gauss, n_node), weights (n_gauss,), normals times area ratios (n_gauss, n_facet, 3)."""
     # exact for int psi_a psi_b n; the length of n of a curved facet is no polynomial
-    at, weights = triangle_quadrature(6) if FACET_CORNERS[kind] == 3 else square_quadrature(4)
+    if FACET_CORNERS[kind] == 3:
+        at, weights = triangle_quadrature(6)
+    else:
+        at, weights = square_quadrature(4)
     along = np.einsum("gak,fai->gkfi", slopes(kind, at), places)
     return shape(kind, at), weights, np.cross(along[:, 0], along[:, 1])
 

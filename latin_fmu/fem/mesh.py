@@ -132,7 +132,9 @@ class Mesh:
 
     def nodes_of(self, name: str) -> Index:
         """Nodes of a named face and of the edges and points of its name, ascending."""
-        rows = [self.faces[name].nodes] if name in self.faces else []
+        rows = []
+        if name in self.faces:
+            rows = [self.faces[name].nodes]
         if name in self.points:
             rows.append(self.points[name])
         return np.unique(np.concatenate(rows))

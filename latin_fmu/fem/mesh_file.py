@@ -84,7 +84,9 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
     if unknown:
         counts = ", ".join(f"{count} {kind}" for kind, count in unknown.items())
         complete = any(kind in ("wedge18", "pyramid14") for kind in unknown)
-        remedy = "second order without nodes inside faces: in gmsh Mesh.SecondOrderIncomplete = 1" if complete else None
+        remedy = None
+        if complete:
+            remedy = "second order without nodes inside faces: in gmsh Mesh.SecondOrderIncomplete = 1"
         raise MeshError(
             [
                 Problem(
@@ -116,6 +118,9 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
         place = ", ".join(f"{x:.4g}" for x in nodes[block.cells[first]].mean(axis=0))
         # quadratic cells may be sound at their corners and tangled by their middle nodes
         corners = block.cells.shape[1] == CORNERS[block.cell_type]
+        remedy = _CURVED
+        if corners:
+            remedy = "repair the mesh where it is distorted"
         raise MeshError(
             [
                 Problem(
@@ -123,7 +128,7 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
                     f"{int(bad.sum())} {block.cell_type} cells have no volume or are tangled",
                     f"the first is number {first + 1} of them, around [{place}] m",
                     "a positive Jacobian at every node and integration point",
-                    "repair the mesh where it is distorted" if corners else _CURVED,
+                    remedy,
                 )
             ]
         )
@@ -293,7 +298,10 @@ def _within(mesh: Mesh, nodes: Index, random: Index) -> Index:
 def _children(kind: str) -> tuple[Array, Index]:
     """Shape functions (n_place, n_node) of a cell or facet at the nodes of its parts, and these nodes of each part."""
     if kind in FACET_CORNERS:
-        linear, whole = ("triangle", "triangle6") if FACET_CORNERS[kind] == 3 else ("quad", "quad9")
+        if FACET_CORNERS[kind] == 3:
+            linear, whole = "triangle", "triangle6"
+        else:
+            linear, whole = "quad", "quad9"
         inside = np.einsum("na,pai->pni", shape(linear, facet_nodes(kind)), flat_pieces(whole, False))
     else:
         linear = {8: "hexahedron", 4: "tetra", 6: "wedge"}[N_CORNER[kind]]

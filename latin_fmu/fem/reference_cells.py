@@ -296,13 +296,19 @@ def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False) -
     mass; quadratic ones 3 x 3 x 3, and 4 x 4 x 4 for the mass.
     """
     if cell_type.startswith(("hexahedron", "pyramid")):
-        low = cell_type == "hexahedron" or (cell_type == "pyramid" and not of_products)
-        line = _line(2 if low else 4 if cell_type == "pyramid13" and of_products else 3)
+        number = 3
+        if cell_type == "hexahedron" or (cell_type == "pyramid" and not of_products):
+            number = 2
+        elif cell_type == "pyramid13" and of_products:
+            number = 4
+        line = _line(number)
         return _times(_times(line, line), line)
     if cell_type == "wedge":
         return _times(_corner_rule(2), _line(2))
     if cell_type in ("wedge15", "wedge18"):
-        return _times(simplex_rule(3, 2) if of_products or curved else _corner_rule(2), _line(3))
+        if of_products or curved:
+            return _times(simplex_rule(3, 2), _line(3))
+        return _times(_corner_rule(2), _line(3))
     if cell_type == "tetra10" and (of_products or curved):
         return simplex_rule(3 if of_products else 2, 3)
     return _corner_rule(3)

@@ -195,11 +195,11 @@ class Ground:
     def begin(self, dt: float, velocity: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
         """Set the motion in a segment; see ``Assembly.begin``."""
         self._dt, self.velocity, self.start = dt, dict(velocity), dict(start)
-        self.travel = {
-            # a ground that does not move: its velocity, zeros, is its travel too
-            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) if v.any() else v
-            for i, v in velocity.items()
-        }
+        # of a ground that does not move the velocity, zeros, is the travel too
+        self.travel = dict(velocity)
+        for i, v in velocity.items():
+            if v.any():
+                self.travel[i] = np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)])
 
     def _mean(self, velocity: Array) -> Array:
         """Velocity over each step: mean of both ends, without inertia that of the increment."""

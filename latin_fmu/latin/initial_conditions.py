@@ -48,7 +48,9 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
     forces = [balance(p, traction[c]) for p, c in zip(propagators, channels, strict=True)]
     motion = [forces_of_motion(p) for p in propagators]
     scale = assembly.characteristic_traction * float(assembly.layout.area.sum())
-    level = scale * (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
+    level = _ROUND_OFF * scale
+    if assembly.start_tractions and not assembly.sets_off:
+        level = _STATIC * scale
     balanced = all(np.abs(force).max(initial=0.0) <= level for force in forces)
     round_off = [force if balanced else 0.0 for force in forces]
     closed = closed_points(assembly)
@@ -120,7 +122,10 @@ def _channel_accelerations(propagator: Propagator, factor: Any, unbalance: Array
     compliance: Any = MassCompliance(factor, ops)
     if not propagator.swept:
         spread = np.zeros((propagator.n_dof, propagator.n_channel))
-        spread[ops.dofs] = ops.trace.T if isinstance(ops.trace, np.ndarray) else ops.trace.T.toarray()
+        if isinstance(ops.trace, np.ndarray):
+            spread[ops.dofs] = ops.trace.T
+        else:
+            spread[ops.dofs] = ops.trace.T.toarray()
         compliance = ops.trace @ factor.solve(spread)[ops.dofs]
     free: Array = ops.trace @ factor.solve(unbalance)[ops.dofs]
     if propagator.forcing.moves:
@@ -230,7 +235,9 @@ def _contact_tractions(
     base[solver.channels] = traction[solver.channels]
     sliding = _sliding(assembly, points)
     # an equilibrium holds them already
-    solution = None if any(slip.any() for slip in sliding) else solver.as_it_stands(free, base, *laws)
+    solution = None
+    if not any(slip.any() for slip in sliding):
+        solution = solver.as_it_stands(free, base, *laws)
     if solution is None:
         # the solver starts from the known tractions, and adds what they do: it must not be in ``free`` as well
         for admittance, channels in zip(admittances, assembly.channels, strict=True):

@@ -165,8 +165,9 @@ class PointByPoint:
         self, assembly: Assembly, admittances: Sequence[Array] | None = None, points: Set[tuple[int, int]] | None = None
     ) -> None:
         self.assembly = assembly
-        matrices = [p.operators.admittance for p in assembly.propagators] if admittances is None else admittances
-        self._admittances = list(matrices)
+        if admittances is None:
+            admittances = [p.operators.admittance for p in assembly.propagators]
+        self._admittances = list(admittances)
         self._owner: dict[int, tuple[int, int, int]] = {}
         for c, channels in enumerate(assembly.channels):
             for (row, member), flat in np.ndenumerate(channels):
@@ -253,7 +254,9 @@ class PointByPoint:
         channels = point.sides[0].channels
         if not f_hat[channels[0]] < 0.0:
             return range(0)
-        return range(1 if coulomb_coefficient(point.group.behaviour) == 0.0 else len(channels))
+        if coulomb_coefficient(point.group.behaviour) == 0.0:
+            return range(1)
+        return range(len(channels))
 
     @staticmethod
     def _local(point: _Point, f: Array, v: Array, gaps: list[Array], rates: tuple[float, float]) -> Array:

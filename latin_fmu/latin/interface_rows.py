@@ -129,7 +129,9 @@ class InterfaceRows:
         layout = self._assembly.layout
         group = layout.group(interface)
         gap = self.gaps.get(layout.groups.index(group))
-        own_gap = None if gap is None else gap[:n, group.members[interface]]
+        own_gap = None
+        if gap is not None:
+            own_gap = gap[:n, group.members[interface]]
         return self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(interface)
 
 
@@ -217,7 +219,9 @@ def joined_rows(rows: InterfaceRows, part: Part) -> InterfaceRows:
         if owned:
             picked += here.columns(number)
             into += there.columns(i)
-        for side, process in enumerate(part.sides[i] if i in there.slide else ()):
+        if i not in there.slide:
+            continue
+        for side, process in enumerate(part.sides[i]):
             # the ground has no process: its side is that of the owner
             if process == part.rank or (process < 0 and owned):
                 picked.append(here.slide[number][0, side].ravel())
@@ -295,7 +299,9 @@ def interface_history(
             density += f_hat[..., c] * (w_hat[:, 1, :, c] - w_hat[:, 0, :, c])
         friction_power = density @ geometry.areas
     layer = as_layer(behaviour)
-    layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
+    layer_energy = None
+    if layer is not None:
+        layer_energy = layer.stored_energy(f_hat, parameters) @ geometry.areas
     # viscous joints: power of the tractions on the jump of velocities
     if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas

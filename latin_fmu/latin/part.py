@@ -47,7 +47,7 @@ class Part:
         others = [i for i in every if self.sides[i][1] == rank != self.sides[i][0]]  # E' here, E elsewhere
         self.interfaces, self.n_owned = [*self.owned[rank], *others], len(self.owned[rank])
         self.classes = [c for c, process in enumerate(whole.owner) if process == rank]
-        counts = np.bincount(whole.part_of) if whole.part_of else np.zeros(0)
+        counts = np.bincount(np.array(whole.part_of, dtype=np.int64))
         self.divided = [bool(counts[whole.part_of[c]] > 1) for c in self.classes]
         self.assembly = self._restricted()
         self.neighbours = self._neighbours()

@@ -134,9 +134,10 @@ class Support:
         else:
             mass = self.model.mass
         e, nothing = self.sum, sp.csr_array((3, self.model.n_full))
-        rows = [
-            nothing if matrix is None else e @ matrix for matrix in (self.model.stiffness, self.model.damping, mass)
-        ]
+        rows = [nothing] * 3
+        for i, matrix in enumerate((self.model.stiffness, self.model.damping, mass)):
+            if matrix is not None:
+                rows[i] = e @ matrix
         if (modal := self.model.modal_rows) is not None:
             rows[1] = rows[1] + sp.csr_array((e @ modal.T) @ modal)
         return sp.csr_array(sp.vstack(rows))
@@ -335,7 +336,9 @@ class Probes:
                         self.massless.add(name)
             if whole:
                 blocks += [nodes_of(model)]
-            self._nodes.append(blocks[-1].shape[0] if whole else 0)
+                self._nodes.append(blocks[-1].shape[0])
+            else:
+                self._nodes.append(0)
             self.rows.append(_stacked(blocks))
 
     def _sensed(self, image: Image, c: int, rows: slice) -> Array | None:
@@ -442,6 +445,7 @@ class SlideProbes:
         self.places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
         faces: list[list[sp.csr_array]] = [[] for _ in propagators]
         self.traces: list[sp.csr_array | None] = []
+        self.rows: list[sp.csr_array | None] = []
         for c, propagator in enumerate(propagators):
             for member, name in enumerate(propagator.names):
                 at = 0
@@ -455,13 +459,14 @@ class SlideProbes:
                             faces[c].append(trace)
                         self.places.append((c, member, slice(at, at + trace.shape[0]), i, side))
                         at += trace.shape[0]
-            full = _stacked(faces[c])
-            nodal = propagator.members[0].nodal
-            self.traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
-        self.rows = [
-            None if full is None else sp.csr_array(full @ propagator.members[0].expansion)
-            for full, propagator in zip(self.traces, propagators, strict=True)
-        ]
+            full, rows = _stacked(faces[c]), None
+            model = propagator.members[0]
+            if full is not None and model.nodal is not None:
+                full = sp.csr_array(full @ model.nodal)
+            if full is not None:
+                rows = sp.csr_array(full @ model.expansion)
+            self.traces.append(full)
+            self.rows.append(rows)
 
     def read(
         self, assembly: Assembly, instants: slice, into: slice, probed: Sequence[Array], slide: Mapping[int, Array]

@@ -144,13 +144,19 @@ class Processes:
             yield
         except Exception as raised:
             error = raised
-        problems = tuple(getattr(error, "problems", ()))
-        told = self.collect(None if error is None else (type(error), problems, str(error) or type(error).__name__))
+        report = None
+        if error is not None:
+            report = type(error), tuple(getattr(error, "problems", ())), str(error) or type(error).__name__
+        told = self.collect(report)
         if failed := [r for r, what in enumerate(told) if what is not None]:
             self.ended = True
             kind, problems, text = told[failed[0]]
             # the error itself where it was raised, a copy of its text elsewhere
-            raise error or (kind(problems) if problems else SolverError(f"process {failed[0]} of {self.size}: {text}"))
+            if error is not None:
+                raise error
+            if problems:
+                raise kind(problems)
+            raise SolverError(f"process {failed[0]} of {self.size}: {text}")
 
     def abort(self, code: int) -> NoReturn:
         """End all processes with this exit code."""

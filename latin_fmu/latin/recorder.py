@@ -200,14 +200,19 @@ class Recorder:
             every = in_memory
         table = np.zeros((len(range(0, n_time, every)), InterfaceRows.width_of(assembly)))
         self.rows = InterfaceRows(assembly, table, every)
-        self.stream = None if file is None else InterfaceStream(assembly, file, thinned, request.peak_duration)
+        self.stream = None
+        if file is not None:
+            self.stream = InterfaceStream(assembly, file, thinned, request.peak_duration)
         self._places = places_in(assembly)
         self._stored = StoredFields(request, substructures, list(self._places))
         self._series: dict[str, dict[Any, Array]] = {**request.series(n_time), "energy": {}}
         if request.energy:
             terms = {c: np.zeros((n_time, len(TERMS), len(p.members))) for c, p in enumerate(assembly.propagators)}
             self._series["energy"] = {**terms, "drift": np.zeros(n_time)}
-        self.stresses = LargestStresses(substructures if request.watch else {}, n_time)
+        watched: Mapping[str, SubstructureInfo] = {}
+        if request.watch:
+            watched = substructures
+        self.stresses = LargestStresses(watched, n_time)
         self._series["von_mises"] = self.stresses.tables
         self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
         self._probes: Probes | None = None
@@ -236,7 +241,9 @@ class Recorder:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
         self._keep_rows(assembly, image, probes, now, rows)
-        self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
+        self._probes, self._whole = probes, None
+        if probes is not None and probes.whole:
+            self._whole = probes
         for key, history in self._series["energy"].items():
             drift = key == "drift"
             # the work of the drift is one number an instant, of all interfaces
@@ -287,13 +294,10 @@ class Recorder:
     # -- parts of the histories -------------------------------------------------------------------------------------
     def part(self, first: int, n_fields: int) -> dict[str, Any]:
         """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
-        stream = self.stream
-        return {
-            "n_kept": self.n_kept,
-            "rows": _views(self, first),
-            "stream": None if stream is None else stream.rows(-(-first // stream.every), stream.n_row),
-            **self._stored.part(n_fields),
-        }
+        stream, rows = self.stream, None
+        if stream is not None:
+            rows = stream.rows(-(-first // stream.every), stream.n_row)
+        return {"n_kept": self.n_kept, "rows": _views(self, first), "stream": rows, **self._stored.part(n_fields)}
 
     def append(self, part: Mapping[str, Any], first: int) -> None:
         """Put a ``part`` from the instant ``first`` on behind what has been kept."""
@@ -375,7 +379,10 @@ class Recorder:
         histories = {}
         for name, bolt in self.request.bolts.items():
             q = bolt.description.plastic_elongation
-            q = None if q is None else q[: self.n_kept]
+            if q is None:
+                q = None
+            else:
+                q = q[: self.n_kept]
             histories[name] = replace(bolt.description, force=forces[name], plastic_elongation=q)
         return histories
 
@@ -383,12 +390,16 @@ class Recorder:
         """Histories of the substructures for which some output is requested."""
         terms, wanted = self._terms(), self._stored.wanted or self.request.energy
         energies = {name: dict(zip(TERMS, table.T, strict=True)) for name, table in terms.items()}
-        return {name: self._stored.history(name, energies.get(name)) for name in (self._info if wanted else ())}
+        if not wanted:
+            return {}
+        return {name: self._stored.history(name, energies.get(name)) for name in self._info}
 
     def _terms(self) -> dict[str, Array]:
         """Energies (n_time, terms) of the substructures, J, where requested."""
-        places = self._places if self.request.energy else {}
-        return {name: self._series["energy"][c][: self.n_kept, :, member] for name, (c, member) in places.items()}
+        if not self.request.energy:
+            return {}
+        places = self._places.items()
+        return {name: self._series["energy"][c][: self.n_kept, :, member] for name, (c, member) in places}
 
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
         """Energies of the assembly (``energy_balance``), each (n_time,), J; None unless requested."""
@@ -507,7 +518,9 @@ def energy_series(
     series = {name: values for name in names if (values := getattr(history, name)) is not None}
     if history.gap is not None and history.layer_energy is None:
         series["loss"] = np.concatenate([[0.0], _impact_losses(history, history.gap, weights, offset)])
-    return series | ({"force": history.force()} if force else {})
+    if force:
+        series["force"] = history.force()
+    return series
 
 
 def _impact_losses(history: InterfaceHistory, gap: Array, weights: tuple[float, float, float], offset: float) -> Array:

@@ -74,8 +74,7 @@ def make_image(
     more : further fields of the record of the run. part : of the assembly that this process holds, ``assembly`` being
         that of the part.
     """
-    layout = assembly.layout
-    static = assembly.quasi_static
+    layout, static = assembly.layout, assembly.quasi_static
     depth = settings.anderson_depth
     sides = [[assembly.layout.channels(i, side) for side in (0, 1)] for i in range(len(assembly.interfaces))]
     # channels of a side are one range of the flat vector: its first, and their number
@@ -117,11 +116,12 @@ def make_image(
         **more,
     }
     groups = [_group_fields(group, assembly) for group in layout.groups]
-    # derivatives have tangents in the place of laws, and nothing to make up
-    linear = {"law": -1, "keeps_normal": 0, "keeps_tangential": 0} if more.get("linear") else {}
-    groups = [{**group, **linear} for group in groups]
-    # the first segment of a co-simulation may be shorter than those after it
-    longest = max(assembly.n_instant, COMMUNICATION_ROWS - 1) if more.get("n_output") else assembly.n_instant
+    if more.get("linear"):
+        # derivatives have tangents in the place of laws, and nothing to make up
+        groups = [{**group, "law": -1, "keeps_normal": 0, "keeps_tangential": 0} for group in groups]
+    longest = assembly.n_instant
+    if more.get("n_output"):  # the first segment of a co-simulation may be shorter than those after it
+        longest = max(longest, COMMUNICATION_ROWS - 1)
     none = [None] * len(assembly.propagators)
     rows = (none, none) if probes is None else (probes.slide.rows, probes.rows)
     divided = [False] * len(none) if part is None else part.divided
@@ -383,7 +383,10 @@ class Stages:
         """Acceleration of the next iterations by the settings; ``relaxed`` : relaxation RELAXATION alone; ``again`` :
         after a fall-back."""
         plain = relaxed or (again and settings.anderson_depth == 0)
-        depth, relaxation = (0, RELAXATION) if plain else (settings.anderson_depth, settings.relaxation)
+        if plain:
+            depth, relaxation = 0, RELAXATION
+        else:
+            depth, relaxation = settings.anderson_depth, settings.relaxation
         self.image.set({"depth": depth, "relaxation": relaxation})
 
     def iterations(self, counts: tuple[int, int, int, int], look: Callable[[int, int, int], None]) -> int:

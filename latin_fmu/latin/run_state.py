@@ -177,7 +177,9 @@ class RunImage:
         if part is not None:
             self._exchange = Exchange(part, self.image, one)
         LawsInPython(self.image, self.local.layout.groups)
-        self.f_hat[:], self.w_hat[:] = start if part is None else (field[part.channels] for field in start)
+        if part is not None:
+            start = start[0][part.channels], start[1][part.channels]
+        self.f_hat[:], self.w_hat[:] = start
         self._use(1)
         self.image.field("scales", 3)[:] = negligible_scales(self.image, one, settings.tolerance)
 
@@ -444,7 +446,9 @@ class RunState(RunImage):
         else:
             put_in = float(works[PUT_IN])
         if converged and put_in >= 0.0:  # the largest is that of all processes, up to the instant before the last
-            work = max(float(works[LARGEST]), abs(float(works[OF_DRIFT])) if alone else 0.0)
+            work = max(float(works[LARGEST]), 0.0)
+            if alone:
+                work = max(work, abs(float(works[OF_DRIFT])))
             # residuals below NOTHING of the tractions are accepted, as of bodies that rest under a preload
             work -= negligible * max(1.0, NOTHING / ROUND_OFF * float(works[INSTANTS]))
             # by residuals alone: the modes that are left out resolve no waves

@@ -91,25 +91,31 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
     """
     massless = assembly.scheme.massless_contact
     row = _row(assembly, normal_only=True)
+    least = WARNED[0]
+    if massless:
+        least = 0.0
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
-        for side in () if unit.attached else (0, 1):
+        if unit.attached:
+            continue
+        for side in (0, 1):
             # normal ones stand for the point
             channels = assembly.layout.channels(i, side)[:, 0]
             impedance = assembly.impedance[channels]
             if not impedance.any() or not row[channels].any():
                 continue
             ratio = float(np.median(row[channels] / impedance))
-            if not (0.0 if massless else WARNED[0]) <= ratio <= WARNED[1]:
-                coarse = ratio > WARNED[1] and not massless
-                remarks.append(
-                    f"interface {unit.name}, side {unit.sides[side]}: "
-                    + ("the mesh is too coarse for this step" if coarse else "the step is too long for this mesh")
-                    + f" to follow the wave (resistance of the face over rho c = {ratio:.2g}, followed within "
-                    f"{WARNED[0]} ... {WARNED[1]}); a contact shorter than the passage through a few elements is "
-                    "not resolved: "
-                    + ("refine the mesh there (a smaller step alone does not help)" if coarse else "use smaller steps")
-                )
+            if least <= ratio <= WARNED[1]:
+                continue
+            what, remedy = "the step is too long for this mesh", "use smaller steps"
+            if ratio > WARNED[1] and not massless:
+                what = "the mesh is too coarse for this step"
+                remedy = "refine the mesh there (a smaller step alone does not help)"
+            remarks.append(
+                f"interface {unit.name}, side {unit.sides[side]}: {what} to follow the wave (resistance of the face "
+                f"over rho c = {ratio:.2g}, followed within {WARNED[0]} ... {WARNED[1]}); a contact shorter than the "
+                f"passage through a few elements is not resolved: {remedy}"
+            )
     return remarks
 
 
@@ -188,10 +194,12 @@ def _resolved(assembly: Assembly) -> tuple[Array, str]:
             if impedance[normal].any() and row[normal].any():
                 ratio = _median(row[normal] / impedance[normal])
                 resolved &= RESOLVED[0] <= ratio <= RESOLVED[1]
-        if not resolved:
+        if resolved:
+            choices.append("impedance")
+        else:
+            choices.append("half row")
             for channels in sides:
                 k[channels] = 0.5 * row[channels]
-        choices.append("impedance" if resolved else "half row")
     return k, ", ".join(sorted(set(choices)))
 
 
@@ -242,8 +250,9 @@ class Direction:
         wanted = settings.newton and n == 1 and settings.anderson_depth > 0
         self._long_steps = not assembly.quasi_static and self._of_long_range()
         wanted &= not assembly.swept or assembly.quasi_static or self._long_steps
-        with_matrix = wanted and not assembly.quasi_static
-        self.relative: dict[str, Any] = relative_operator(assembly) if with_matrix else {"on_iteration": int(wanted)}
+        self.relative: dict[str, Any] = {"on_iteration": int(wanted)}
+        if wanted and not assembly.quasi_static:
+            self.relative = relative_operator(assembly)
         numbers = self.relative.get("n_matrix", 0)
         self.too_large = numbers > LARGEST and not assembly.swept
         self.newton = wanted and bool(assembly.interfaces) and not self.too_large
@@ -333,7 +342,9 @@ class Direction:
         """Condense the propagators on this direction; ``exact``: without tables of Y."""
         if self.own_coarse is not None:
             self.whole.bind(exact)
-            self.coarse = None if self.whole.coarse is None else self.own_coarse(self.whole.coarse)
+            self.coarse = None
+            if self.whole.coarse is not None:
+                self.coarse = self.own_coarse(self.whole.coarse)
             return
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)

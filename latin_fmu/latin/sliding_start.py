@@ -70,7 +70,9 @@ class SlidingStart:
         number = np.full(image.n_flat, -1)
         number[self._channels] = np.arange(len(self._channels))
         self._groups = assembly.layout.groups
-        self._own = [number[g.start : g.start + g.n_point * g.n_component].reshape(g.n_point, -1) for g in self._groups]
+        self._numbers = [
+            number[g.start : g.start + g.n_point * g.n_component].reshape(g.n_point, -1) for g in self._groups
+        ]
         self._reach = [stages.reach(g) for g in range(len(self._groups))]
         rates = stages.rates()
         self._rates = [rates[int(g.behaviour.elastic)] for g in self._groups]
@@ -98,7 +100,7 @@ class SlidingStart:
     def _laws(self, jump: Array) -> Array:
         """Tractions (n,) by the laws, from velocities s' - s (n,)."""
         out = np.empty_like(jump)
-        for group, channels, reach, rate in zip(self._groups, self._own, self._reach, self._rates, strict=True):
+        for group, channels, reach, rate in zip(self._groups, self._numbers, self._reach, self._rates, strict=True):
             z = self._z[channels[:, [0, min(1, channels.shape[1] - 1)]]]
             if group.behaviour.elastic:
                 distance = reach
@@ -112,21 +114,25 @@ class SlidingStart:
     def _jump(self, free: Array) -> Array:
         """s' - s (n,)."""
         jump = np.empty_like(free)
-        for channels, far in zip(self._own, self._far, strict=True):
+        for channels, far in zip(self._numbers, self._far, strict=True):
             jump[channels] = far - free[channels]
         return jump
 
     def _tangents(self, jump: Array, base: Array) -> Array:
         """Derivatives (n, n) of the tractions by the velocities s of side E; blocks of points."""
         tangents, step = np.zeros((len(jump), len(jump))), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
-        for c in range(3 if step > 0.0 else 0):
+        if step == 0.0:
+            return tangents
+        for c in range(3):
             moved = jump.copy()
-            parts = [channels[:, c] for channels in self._own if channels.shape[1] > c]
+            parts = [channels[:, c] for channels in self._numbers if channels.shape[1] > c]
             for part in parts:
                 moved[part] += step
             change = (self._laws(moved) - base) / step
-            for channels in self._own:
-                for a in range(channels.shape[1] if channels.shape[1] > c else 0):
+            for channels in self._numbers:
+                if channels.shape[1] <= c:
+                    continue
+                for a in range(channels.shape[1]):
                     tangents[channels[:, a], channels[:, c]] = -change[channels[:, a]]
         return tangents
 
@@ -138,7 +144,9 @@ class SlidingStart:
         f_hat = self._laws(self._jump(free))
         size = float(np.linalg.norm(self._metric * f_hat))
         apart = float(np.linalg.norm(self._metric * (f_hat - f)))
-        return free, f_hat, f_hat - f, apart / size if size > 0.0 else np.inf * (apart > 0.0)
+        if size > 0.0:
+            return free, f_hat, f_hat - f, apart / size
+        return free, f_hat, f_hat - f, np.inf * (apart > 0.0)
 
     def _iterated(self, enough: float, depth: int) -> float:
         """A few iterations with acceleration of this depth; the residual at their end."""
@@ -191,7 +199,7 @@ class SlidingStart:
         """Springs of the size of the friction, with q of the same fields."""
         free, f_hat, _, _ = self._look(self.q)
         moved, k = free + self._z * f_hat, self._springs.copy()
-        for channels, far in zip(self._own, self._far, strict=True):
+        for channels, far in zip(self._numbers, self._far, strict=True):
             if channels.shape[1] < 3:
                 continue
             shear = np.linalg.norm(f_hat[channels[:, 1:]], axis=1)

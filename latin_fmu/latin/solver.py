@@ -138,7 +138,9 @@ class WindowSolver:
                 count = stages.iterations((begin, start, phase, limit), look)
                 best, record.converged, start = iterates[0], count > 0, abs(count)
                 ended = record.converged or bits & BROKEN
-                fallback = None if ended else self._fallback(stages, used, start >= limit)
+                fallback = None
+                if not ended:
+                    fallback = self._fallback(stages, used, start >= limit)
                 if fallback is None:
                     break
                 used.append(fallback)
@@ -459,11 +461,12 @@ class WindowRun(RunState, ABC):
 
     def _begin_anew(self, solver: WindowSolver, stages: Stages, record: WindowRecord, number: int) -> None:
         """Begin a window without inertia once more, in the ways that there are, until its iteration converges."""
+        if not self.assembly.quasi_static:
+            return
+        ways = [self._restart]
         if stages.n == 1 and suits(stages):
             ways = [self._slide, self._restart]
-        else:
-            ways = [self._restart]
-        for begin in ways if self.assembly.quasi_static else []:
+        for begin in ways:
             if not record.converged:
                 begin(stages, record)
                 solver.solve(stages, record, number)
@@ -510,7 +513,9 @@ class WindowRun(RunState, ABC):
 
     def _given_guess(self, first: int, n: int) -> Array | None:
         """First guess q (n, n_flat) from the fields of other runs; None where there are none."""
-        fields = self._fields.first_guess(first, n, self.image.n_flat) if self._fields is not None and n > 1 else None
+        if self._fields is None or n == 1:
+            return None
+        fields = self._fields.first_guess(first, n, self.image.n_flat)
         if fields is None:
             return None
         return self.direction(n).incoming(*fields)

@@ -135,7 +135,9 @@ def with_energy(
         f"{-float(lost[at]) / float(put_in[at]):.3g} times the energy put in (allowed: {_GAIN:g} times): "
         'the time scheme gains energy. Use time.scheme = "automatic", or smaller steps'
     )
-    return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"
+    if converged:
+        return False, f"not converged, {gained}"
+    return False, f"{sentence}; {gained}"
 
 
 def round_off(assembly: Assembly) -> float:
@@ -179,7 +181,10 @@ def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
         return ""
     unit = assembly.interfaces[int(np.argmax(interface_indicator))]
     friction = coulomb_coefficient(unit.behaviour)
-    return f"; worst interface {unit.name}" + (f" (friction coefficient {friction:g})" if friction else "")
+    sentence = f"; worst interface {unit.name}"
+    if friction:
+        sentence += f" (friction coefficient {friction:g})"
+    return sentence
 
 
 def _converged(settings: SolverSettings, windows: WindowList) -> str:
@@ -193,7 +198,9 @@ def _converged(settings: SolverSettings, windows: WindowList) -> str:
         sentence += f", Newton steps in {np.count_nonzero(steps)} (at most {steps.max()}, counted as iterations)"
     if windows.disagreement() > settings.tolerance:
         sentence += f"; fields and tractions of windows differ by up to {100 * windows.disagreement():.2g} %"
-    return sentence + (f", fall-backs used in {helped}" if helped else "")
+    if helped:
+        sentence += f", fall-backs used in {helped}"
+    return sentence
 
 
 def _used(failed: list[WindowRecord]) -> str:

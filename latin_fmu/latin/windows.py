@@ -222,7 +222,9 @@ class Run(WindowRun):
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""
         bonds, direction = PerfectInterfaceSolve(self.assembly), self.direction(1)
-        operator = None if self.part is not None else bonds.incoming(direction.k)
+        operator = None
+        if self.part is None:
+            operator = bonds.incoming(direction.k)
         self._direct_bonds = True
         # the operator acts on velocities without any traction
         fields = {**direction.run_fields(), "from_last": 0, "referenced": 0}

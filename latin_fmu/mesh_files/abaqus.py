@@ -106,7 +106,9 @@ class _PlacedDeck:
         frame = _Frame(name, scope, first_node=self.n_point, first_element=self.n_element)
         if scope.nodes:
             frame.node_labels, points = scope.all_nodes()
-            self.points.append(points if card is None else _placed(points, card, self.problems))
+            if card is not None:
+                points = _placed(points, card, self.problems)
+            self.points.append(points)
             self.n_point += len(points)
         every: list[Index] = []
         for kind, labels, connectivity in scope.elements:

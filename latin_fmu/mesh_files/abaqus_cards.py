@@ -154,13 +154,20 @@ def _with_input(card: Card, include: Include, problems: FileProblems) -> Card:
     return whole
 
 
+def real(field: str) -> float:
+    """Number of a field as Fortran writes it, 0 where it is empty."""
+    if field:
+        return float(field.upper().replace("D", "E"))
+    return 0.0
+
+
 def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:
     """Labels (n,) and coordinates (n, 3) of a *NODE card as written; missing coordinates are 0."""
     labels, coordinates = [], []
     for i, fields in card.tokens():
         try:
             label = int(fields[0])
-            values = [float(f.upper().replace("D", "E")) if f else 0.0 for f in fields[1:4]]
+            values = [real(f) for f in fields[1:4]]
         except (ValueError, IndexError):
             problems.add("not a node", card.rows[i].strip(), "label, x, y, z", line=card.row_place(i))
             continue
@@ -185,7 +192,7 @@ def elements_of(card: Card, count: int, corners: int, problems: FileProblems) ->
     i = 0
     for i, fields in card.tokens():
         try:
-            numbers = [int(f) if f else 0 for f in fields]
+            numbers = [int(f or "0") for f in fields]
         except ValueError:
             numbers = [-1]
         if any(not 0 <= v < 2**62 for v in numbers):

@@ -62,7 +62,9 @@ class DeckScopes:
         """Add the content of a card to its scope."""
         keyword = card.keyword
         # long tables are read as numbers elsewhere: here they would be split into words
-        rows = [] if keyword in _TABLES else [fields for _, fields in card.tokens()]
+        rows = []
+        if keyword not in _TABLES:
+            rows = [fields for _, fields in card.tokens()]
         self.model.take(keyword, card.parameters, rows, card.line)
         if keyword == "NODE":
             self._nodes(card)
@@ -109,8 +111,12 @@ class DeckScopes:
         if not rows:
             self._here.system = BASIC
             return
-        points = [*(values[0] or []), *[0.0] * 6][:6] if values[0] is not None else []
-        third = (values[1] or []) if len(values) > 1 else []
+        points: list[float] = []
+        if values[0] is not None:
+            points = [*values[0], *[0.0] * 6][:6]
+        third: Sequence[float] = []
+        if len(values) > 1:
+            third = values[1] or []
         origin, on_x = np.array(points[:3]), np.array(points[3:])
         system: CoordinateSystem | None = None
         if len(rows[0]) <= 3 and points:
@@ -183,7 +189,10 @@ class DeckScopes:
                 continue
             try:
                 # the step is 1 where it is missing, the last is the first
-                first, last, step = (*map(int, fields[:3]), 1)[:3] if len(fields) > 1 else (int(fields[0]),) * 2 + (1,)
+                whole = [int(field) for field in fields[:3]]
+                if len(whole) == 1:
+                    whole *= 2
+                first, last, step = [*whole, 1][:3]
             except (ValueError, IndexError):
                 first = last = step = 0
             if not all(0 < number < 2**62 for number in (first, last, step)):

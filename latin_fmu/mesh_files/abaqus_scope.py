@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from .abaqus_cards import Card
+from .abaqus_cards import Card, real
 from .content import NO_ROWS, Array, FileProblems, Index, rows_of
 from .coordinates import BASIC, CoordinateSystem, turned
 
@@ -200,8 +200,8 @@ def _ncopy(scope: Scope, card: Card) -> list[int]:
     labels = scope.labels_in("N", card.name("OLD SET"))
     if not len(labels) or not 0 < times <= _MOST // len(labels):
         raise _RefusedError(f"OLD SET={card.name('OLD SET')} has {len(labels)} nodes")
-    lines = [[float(f.upper().replace("D", "E")) if f else 0.0 for f in fields] for _, fields in card.tokens()]
-    moved, turn = (np.array([*lines[i], *[0.0] * 7][:7]) if i < len(lines) else np.zeros(7) for i in (0, 1))
+    lines = [[real(f) for f in fields] for _, fields in card.tokens()]
+    moved, turn = (np.array([*line, *[0.0] * 7][:7]) for line in [*lines, [], []][:2])
     points, copied = _points(scope, labels), []
     for i in range(1, times + 1):
         points = points + moved[:3]

@@ -93,7 +93,9 @@ def _nodes(path: Path) -> tuple[Index, Array]:
         at += 1
         if lines[at - 1][:6].upper() != "NBLOCK":
             continue
-        match = _NODE_FORMAT.match(lines[at].replace(" ", "").lower()) if at < len(lines) else None
+        match = None
+        if at < len(lines):
+            match = _NODE_FORMAT.match(lines[at].replace(" ", "").lower())
         if match is None:
             raise ValueError(f"line {at + 1} is no format of nodes")
         wholes, width, _, wide = (int(number) for number in match.groups())
@@ -102,7 +104,7 @@ def _nodes(path: Path) -> tuple[Index, Array]:
             start = wholes * width
             fields = [lines[at][start + i * wide : start + (i + 1) * wide].strip() for i in range(3)]
             labels.append(int(label))
-            points.append([float(item) if item else 0.0 for item in fields])
+            points.append([float(item or "0") for item in fields])
             at += 1
     unique, last = np.unique(np.array(labels[::-1], dtype=np.int64), return_index=True)
     return unique, np.array(points[::-1], dtype=float).reshape(-1, 3)[last]
@@ -173,8 +175,9 @@ class _Archive:
         names = {(owner, 0): f"type_{owner}" for owner in owners}
         for owner, materials in owners.items():
             for material in materials:
-                several = len(materials) > 1 and not alone
-                names[owner, material] = f"type_{owner}_material_{material}" if several else f"type_{owner}"
+                names[owner, material] = f"type_{owner}"
+                if len(materials) > 1 and not alone:
+                    names[owner, material] = f"type_{owner}_material_{material}"
         return names
 
     def _components(
@@ -204,9 +207,13 @@ class _Archive:
                 count = 10
             # the solver writes four-node tetrahedra of these types with the middle nodes left out
             some = (nodes + [0] * count)[:count]
-            return ("tetra10" if count == 10 and any(some[4:]) else "tetra"), some if any(some[4:]) else some[:4]
-        if number in _LINEAR or number in _QUADRATIC:
-            return self._brick((nodes + [0] * 20)[:20] if number in _QUADRATIC else nodes[:8], label)
+            if any(some[4:]):
+                return "tetra10", some
+            return "tetra", some[:4]
+        if number in _LINEAR:
+            return self._brick(nodes[:8], label)
+        if number in _QUADRATIC:
+            return self._brick((nodes + [0] * 20)[:20], label)
         if number in _SURFACES:
             corners = list(dict.fromkeys(n for n in nodes[:4] if n))
             return {3: "triangle", 4: "quad"}.get(len(corners), ""), corners
@@ -221,17 +228,20 @@ class _Archive:
         apex = m == n == o == p
         if apex and k == l:
             form = "tetra"
+        elif apex:
+            form = "pyramid"
+        elif k == l and o == p:
+            form = "wedge"
         else:
-            if apex:
-                form = "pyramid"
-            else:
-                form = "wedge" if k == l and o == p else "hexahedron"
+            form = "hexahedron"
         corners, middles = _FORMS[form]
         some = [nodes[i] for i in corners]
         if len(set(some)) < len(some):
             what = "a brick with equal nodes that is no tetrahedron, pyramid or wedge"
             raise MeshError.of("unreadable mesh", self.path.name, what, f"element {label}")
-        between = [nodes[i] for i in middles] if len(nodes) == 20 else []
+        between = []
+        if len(nodes) == 20:
+            between = [nodes[i] for i in middles]
         if not any(between):
             return form, some
         name = {"tetra": "tetra10", "pyramid": "pyramid13", "wedge": "wedge15", "hexahedron": "hexahedron20"}[form]

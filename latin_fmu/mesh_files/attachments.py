@@ -142,8 +142,11 @@ class _Tables:
         self.couplings: dict[str, Any] = {}
         self.lost: list[str] = []
         # as the density: units of the scene, or t of a deck in mm, t, s
-        in_si = scale == 1e-3 and system_named(raw.get("units")) is SI
-        self.unit_of_mass = 1.0 if scale == 1.0 else 1e3 if in_si else None
+        self.unit_of_mass: float | None = None
+        if scale == 1.0:
+            self.unit_of_mass = 1.0
+        elif scale == 1e-3 and system_named(raw.get("units")) is SI:
+            self.unit_of_mass = 1e3
 
     def add(self, item: Attached, words: tuple[str, ...]) -> None:
         """The tables of one mass or spider."""
@@ -173,7 +176,9 @@ class _Tables:
         spider = next(
             (s for s in self.content.attached if s.node == item.node and s.word in words and len(s.legs)), None
         )
-        face = None if spider is None else next(iter(self._faces(spider)), None)
+        face = None
+        if spider is not None:
+            face = next(iter(self._faces(spider)), None)
         if face is None:
             spiders = listed(word for word in _SPIDERS if word not in words) or "none"
             self.lost.append(
@@ -183,7 +188,9 @@ class _Tables:
             self.lost.append(f"{item.name} has products of inertia")
         else:
             table = {"face": face, "point": point, "mass": mass}
-            self.masses[item.name] = {**table, "inertia": [i11, i22, i33]} if any((i11, i22, i33)) else table
+            if any((i11, i22, i33)):
+                table["inertia"] = [i11, i22, i33]
+            self.masses[item.name] = table
 
     def _spider(self, item: Attached) -> None:
         faces = list(self._faces(item))
@@ -198,16 +205,21 @@ class _Tables:
     def _join(self, item: Attached, faces: list[str], owner: str | None) -> None:
         """Couplings of a spider between the faces at its legs, and the part that its middle is a node of."""
         middle = (self.scale * self.content.points[item.node]).tolist()
-        rigid = {"rigid": True} if item.word == "RBE2" else {}
+        rigid = {}
+        if item.word == "RBE2":
+            rigid["rigid"] = True
         ends: list[Any] = [{"face": face, "point": middle} for face in faces]
         if owner is not None and owner not in [face.partition(".")[0] for face in faces]:
             ends.append({"substructure": owner, "point": middle})
             rigid["rotations"] = False
         others = [s for s in self.content.attached if s is not item and s.node == item.node and len(s.legs)]
-        for other in others[:1] if others and others[0].label > item.label else ():
-            ends += [{"face": face, "point": middle} for face in self._faces(other)]
+        if others and others[0].label > item.label:
+            ends += [{"face": face, "point": middle} for face in self._faces(others[0])]
         for i, end in enumerate(ends[1:]):
-            self.couplings[item.name + (f"_{i + 1}" if i else "")] = {"ends": [ends[0], end], **rigid}
+            name = item.name
+            if i:
+                name += f"_{i + 1}"
+            self.couplings[name] = {"ends": [ends[0], end], **rigid}
         if len(ends) == 1 and rigid:
             self.couplings[item.name] = {"ends": [{"face": faces[0]}], **rigid}
 

@@ -138,13 +138,22 @@ class MeshContent:
             start = 0
         else:
             start = len(before)
-        self.solids[kind] = cells if before is None else np.concatenate([before, cells])
+        if before is None:
+            self.solids[kind] = cells
+        else:
+            self.solids[kind] = np.concatenate([before, cells])
         return start + np.arange(len(cells), dtype=np.int64)
 
     def add_volume(self, name: str, kind: str, rows: Index) -> None:
         """Add rows of ``solids`` to a volume group; a cell given twice is in it once."""
         group = self.volumes.setdefault(name, {})
         group[kind] = np.union1d(group.get(kind, NO_ROWS), rows)
+
+    def add_cells(self, kind: str, cells: Index) -> Index:
+        """Append cells where their type is one of solids; their rows in ``solids``, none for other types."""
+        if kind in CORNERS:
+            return self.add_solids(kind, cells)
+        return NO_ROWS
 
     def add_facets(self, name: str, kind: str, cells: Index) -> None:
         """Add surface cells (n_facet, n_node) of a type to a surface group: their corners, which come first."""
@@ -176,9 +185,13 @@ class MeshContent:
         """What a file without solid cells holds, for a message."""
         plane = len(self.points) > 0 and bool((np.ptp(self.points, axis=0) == 0.0).any())
         faces = sum(len(table) for tables in self.facets.values() for table in tables)
-        words = [f"{faces} surface cells in named groups"] if faces else []
+        words = []
+        if plane:
+            words.append("a plane mesh")
+        if faces:
+            words.append(f"{faces} surface cells in named groups")
         words += [f"{count} {kind}" for kind, count in self.skipped.items()]
-        return "; ".join([*(["a plane mesh"] if plane else []), *words])
+        return "; ".join(words)
 
     def touching(self, group: str, name: str) -> bool:
         """Whether a surface group or node set has whole facets on the cells of a volume group."""
@@ -286,11 +299,12 @@ class FileProblems:
         line: int | FileLine | None = None,
     ) -> Problem:
         """A problem of this file that is not added to the others."""
-        place = FileLine(self.where, line) if isinstance(line, int) else line
-        if place is None:
+        if isinstance(line, int):
+            line = FileLine(self.where, line)
+        if line is None:
             where = self.where
         else:
-            where = f"{place.where}, line {place.line}"
+            where = f"{line.where}, line {line.line}"
         return Problem(where, what, None if value is None else str(value)[:80], allowed, remedy)
 
     @contextmanager

@@ -141,14 +141,18 @@ class DeckModel:
 
     def _constants(self, keyword: str, rows: Sequence[Sequence[str]], keys: tuple[str, ...]) -> None:
         """Numbers of the first data line, of a material that does not depend on temperature."""
-        values = numbers(rows[0][: len(keys)]) if rows else None
-        if len(rows) == 1 and values is not None and len(values) == len(keys) and self._material:
+        values = None
+        if len(rows) == 1:
+            values = numbers(rows[0][: len(keys)])
+        if values is not None and len(values) == len(keys) and self._material:
             self.materials[self._material].update(zip(keys, values, strict=True))
         else:
             self.unused[keyword] += 1
 
     def _tie(self, stem: str, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
-        reach = numbers([parameters["POSITION TOLERANCE"]]) if "POSITION TOLERANCE" in parameters else None
+        reach = None
+        if "POSITION TOLERANCE" in parameters and (tolerance := numbers([parameters["POSITION TOLERANCE"]])):
+            reach = tolerance[0]
         for names in rows:
             if len(names) > 1:
                 others = {tie.name for tie in self.ties}
@@ -157,7 +161,7 @@ class DeckModel:
                     name = stem
                 else:
                     name = f"{stem}_{len(others) + 1}"
-                self.ties.append(Tie(name, names[0], names[1], reach[0] if reach else None))
+                self.ties.append(Tie(name, names[0], names[1], reach))
 
     def _contact(self, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
         """A pair of surfaces: the scene has its law; ADJUST is said, as it moves nodes."""
@@ -181,9 +185,11 @@ class DeckModel:
             self.unused["CLEARANCE"] += 1
 
     def _transform(self, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
-        values = numbers(rows[0]) if rows else None
-        straight = parameters.get("TYPE", "R").upper() == "R" and values is not None and len(values) == 6
-        axes = (values[:3], values[3:]) if straight and values else None
+        axes, values = None, None
+        if rows and parameters.get("TYPE", "R").upper() == "R":
+            values = numbers(rows[0])
+        if values is not None and len(values) == 6:
+            axes = values[:3], values[3:]
         self.transforms[parameters.get("NSET", "").upper()] = axes
 
     def _boundary(self, parameters: Mapping[str, str], rows: Sequence[Sequence[str]], line: int) -> None:

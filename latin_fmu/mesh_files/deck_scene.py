@@ -125,11 +125,12 @@ def _with_materials(
         written = materials.get(name, {})
         if not isinstance(written, Mapping):
             continue
+        needed = list(KEYS)
         if given(written, "orthotropic"):
+            needed = ["density"]
             constants = {key: value for key, value in constants.items() if key == "density"}
         # what the scene says of that material counts, the deck gives the rest
         whole = {**constants, **{key: value for key, value in written.items() if value is not None}}
-        needed = KEYS[2:] if given(written, "orthotropic") else KEYS
         if missing := [key for key in needed if key not in whole]:
             problem = Problem(
                 f"material.{name}",

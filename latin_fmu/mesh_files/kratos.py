@@ -148,8 +148,9 @@ class _Mdpa:
         if not content.volumes:
             for (word, kind), (_, places, _) in tables.items():
                 owners = np.array([owner for _, owner, _ in self.cells[word][kind]], dtype=np.int64)
-                for owner in np.unique(owners).tolist() if kind in CORNERS else []:
-                    content.add_volume(f"property_{owner}", kind, places[owners == owner])
+                if kind in CORNERS:
+                    for owner in np.unique(owners).tolist():
+                        content.add_volume(f"property_{owner}", kind, places[owners == owner])
         return content
 
     @staticmethod

@@ -76,7 +76,7 @@ def _content(mesh: Any) -> MeshContent:
     for block in mesh.cells:
         cells = np.asarray(block.data)
         solid = block.type in CORNERS
-        rows.append(content.add_solids(block.type, cells.astype(np.int64)) if solid else NO_ROWS)
+        rows.append(content.add_cells(block.type, cells.astype(np.int64)))
         if not solid and block.type not in FLAT and block.type not in _NO_CELLS:
             content.skipped[block.type] = content.skipped.get(block.type, 0) + len(cells)
     for name, chosen in _groups(mesh).items():
@@ -114,7 +114,8 @@ def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
         said = f"it has or lacks an item {said}, which its reader ({name}) does not expect"
     elif isinstance(error, IndexError | ValueError | AttributeError | TypeError):
         said = f"its parts do not fit each other: {said}"
-    reason = "; ".join([*reasons[:3], said] if said else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
+    parts = [part for part in (*reasons[:3], said) if part]
+    reason = "; ".join(parts or lines[-1:]) or "no reason given"
     allowed = f"a whole file of the format {path.suffix}"
     remedy = "export it again, best as .msh, .inp or .bdf, with tetrahedra of 4 or 10 nodes or hexahedra of 8, 20 or 27"
     return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=allowed, remedy=remedy)

@@ -146,7 +146,7 @@ class _KeywordMesh:
             label = _label(fields[0])
             if label in self.nodes:
                 self.problems.add("two nodes with one label", label, line=line)
-            x, y, z = (float(item) if item else 0.0 for item in fields[1:4])
+            x, y, z = (float(item or "0") for item in fields[1:4])
             self.nodes[label] = (x, y, z)
 
     def _part(self, keyword: _Keyword, long: bool) -> None:
@@ -213,10 +213,14 @@ class _KeywordMesh:
         name = title or f"{kind}_{_label(_fields(rows.pop(0), widths)[0])}"
         if title:
             rows.pop(0)
+        most = 8
+        if kind == "segment_set":
+            most = 4
+        most = 8
+        if kind == "segment_set":
+            most = 4
         for row in rows:
-            labels = [
-                label for item in _fields(row, widths)[: 4 if kind == "segment_set" else 8] if (label := int(item))
-            ]
+            labels = [label for item in _fields(row, widths)[:most] if (label := int(item))]
             if kind == "segment_set":
                 self.segments.setdefault(name, []).append(list(dict.fromkeys(labels)))
             else:

@@ -103,7 +103,9 @@ def _points(data: Any) -> Array:
 def _families(folder: Any) -> Iterator[tuple[int, list[str]]]:
     """Number and groups of each family; those without groups have none."""
     for family in folder.values():
-        names = family["GRO"]["NOM"][()] if "GRO" in family and "NOM" in family["GRO"] else []
+        names = []
+        if "GRO" in family and "NOM" in family["GRO"]:
+            names = family["GRO"]["NOM"][()]
         yield int(family.attrs["NUM"]), [_text(np.asarray(row, dtype=np.int8).tobytes()) for row in names]
 
 

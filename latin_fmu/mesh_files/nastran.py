@@ -108,10 +108,11 @@ class _BulkData:
     ) -> None:
         name, corners = entry.name, counts[0]
         label, owner = label_of(entry.whole(1)), entry.whole(2)
-        nodes = [int(f) if f else 0 for f in entry.fields[3 : 3 + counts[-1]]]
-        # blanks and continuation marks follow; numbers there are nodes of a cell with more of them
-        rest = entry.fields[3 + counts[-1] :] if table is self.solids else []
-        extra = [f for f in rest if f.isdigit()]
+        nodes = [int(f or "0") for f in entry.fields[3 : 3 + counts[-1]]]
+        extra = []
+        if table is self.solids:
+            # blanks and continuation marks follow; numbers there are nodes of a cell with more of them
+            extra = [f for f in entry.fields[3 + counts[-1] :] if f.isdigit()]
         while nodes and not nodes[-1]:
             nodes.pop()
         if any(not 0 <= n < 2**62 for n in (*nodes, owner)):
@@ -226,11 +227,11 @@ class _BulkData:
                 if (piece_of[kind] == piece).any():
                     content.add_volume(f"PSOLID_{label}", kind, rows[piece_of[kind] == piece])
         count = sum(len(rows) for rows in blank.values())
-        content.said.append(
-            f"{count} solids without a property are {len(names)} bodies, one for each connected piece"
-            if len(names) > 1
-            else f"{count} solids without a property are one body, as they are connected"
-        )
+        text = f"{count} solids without a property are"
+        if len(names) > 1:
+            content.said.append(f"{text} {len(names)} bodies, one for each connected piece")
+        else:
+            content.said.append(f"{text} one body, as they are connected")
 
     def _note_others(self, content: MeshContent, labels: Index) -> None:
         for name, entries in self.skipped.items():

@@ -105,7 +105,9 @@ class Grids:
             else:
                 system = self.systems[label]
                 points = self._three_points(system, (*path, label))
-                self._placed[label] = None if points is None else from_points(system.name[-1], *points)
+                self._placed[label] = None
+                if points is not None:
+                    self._placed[label] = from_points(system.name[-1], *points)
                 if self._placed[label] is None and not self.problems.problems:
                     what = "the points of a coordinate system lie on one line"
                     self.problems.add(what, f"{system.name} {label}", line=system.place)

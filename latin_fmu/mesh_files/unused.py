@@ -73,12 +73,15 @@ class Skipped:
         for i, fields in card.tokens():
             numbers = [int(f) for f in fields if f.isascii() and f.isdigit() and len(f) < 19]
             count += first
-            nodes += numbers[1:] if first else numbers
+            if first:
+                # the first one is the label of the element
+                numbers = numbers[1:]
+            nodes += numbers
             first = not card.rows[i].rstrip().endswith(",")
-        properties = (card.name("ELSET"),) if card.name("ELSET") else ()
-        return Skipped(
-            name, count, np.array(nodes if not is_known(name) else [], dtype=np.int64), card.place, properties
-        )
+        properties = tuple(filter(None, [card.name("ELSET")]))
+        if is_known(name):
+            nodes = []
+        return Skipped(name, count, np.array(nodes, dtype=np.int64), card.place, properties)
 
 
 def is_known(word: str) -> bool:
@@ -162,8 +165,11 @@ def _nodes_of_no_cell(content: MeshContent) -> Iterator[str]:
 
 
 def _named(names: list[str]) -> str:
-    numbered = all(name.isdigit() for name in names)
-    return (("properties " if len(names) > 1 else "property ") if numbered else "") + listed(names)
+    if not all(name.isdigit() for name in names):
+        return listed(names)
+    if len(names) > 1:
+        return f"properties {listed(names)}"
+    return f"property {listed(names)}"
 
 
 def _cells_of_no_part(content: MeshContent, groups: Collection[str]) -> Iterator[str]:

@@ -88,7 +88,8 @@ def _datasets(text: str) -> Iterator[tuple[str, int, list[str]]]:
         while end < len(lines) and lines[end].strip() != "-1":
             end += 1
         if at + 1 < len(lines):
-            yield lines[at + 1].split()[0] if lines[at + 1].split() else "", at + 3, lines[at + 2 : end]
+            number, *_ = [*lines[at + 1].split(), ""]
+            yield number, at + 3, lines[at + 2 : end]
         at = end + 1
 
 
@@ -238,5 +239,6 @@ class _Universal:
         """Solids by physical property, where no group has any."""
         for kind, (_, rows, _) in place.items():
             owners = np.array([owner for _, owner, _ in self.elements[kind]], dtype=np.int64)
-            for owner in np.unique(owners).tolist() if kind in CORNERS else []:
-                content.add_volume(f"property_{owner}", kind, rows[owners == owner])
+            if kind in CORNERS:
+                for owner in np.unique(owners).tolist():
+                    content.add_volume(f"property_{owner}", kind, rows[owners == owner])

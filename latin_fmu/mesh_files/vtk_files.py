@@ -155,7 +155,9 @@ def _content(path: Path, grid: Any) -> MeshContent:
             what = f"cells of a type that is not read: number {number} of VTK with {width} nodes"
             remedy = "write cells of first or second order"
             raise MeshError.of("unreadable mesh", path.name, what, f"{len(rows)} cells", ", ".join(CORNERS), remedy)
-        blocks.append((kind, table[:, _CROSSED[number]] if number in _CROSSED else table, rows))
+        if number in _CROSSED:
+            table = table[:, _CROSSED[number]]
+        blocks.append((kind, table, rows))
     _add_blocks(content, blocks, arrays)
     return content
 
@@ -174,7 +176,7 @@ def _add_blocks(content: MeshContent, blocks: list[tuple[str, Index, Index]], ar
     """Cells and their groups; a block has its type, its nodes, and its rows in the arrays."""
     solids: list[Index] = []
     for kind, table, _ in blocks:
-        solids.append(content.add_solids(kind, table) if kind in CORNERS else np.zeros(0, dtype=np.int64))
+        solids.append(content.add_cells(kind, table))
         if kind not in CORNERS and kind not in FLAT and kind not in _NO_CELLS:
             content.skipped[kind] = content.skipped.get(kind, 0) + len(table)
     data = {name: [values[rows] for _, _, rows in blocks] for name, values in arrays.items()}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import MeshError
 from .cell_groups import groups_of_data
-from .content import CORNERS, FLAT, NO_ROWS, Index, MeshContent
+from .content import CORNERS, FLAT, Index, MeshContent
 
 _TYPES: Final = {
     1: ("polyvertex", "vertex", 1),
@@ -85,7 +85,7 @@ def _content(path: Path) -> MeshContent:
     blocks = _blocks(path, grid)
     solids: list[Index] = []
     for kind, nodes, _ in blocks:
-        solids.append(content.add_solids(kind, nodes) if kind in CORNERS else NO_ROWS)
+        solids.append(content.add_cells(kind, nodes))
     data: dict[str, list[Any]] = {}
     for attribute in grid.findall("Attribute"):
         if attribute.get("Center", "").lower() == "cell":

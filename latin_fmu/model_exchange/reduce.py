@@ -199,7 +199,9 @@ def body_trace(body: BondedBody, cuts: Sequence[Cut]) -> tuple[sp.csr_array, Arr
     for cut in cuts:
         block = sp.csr_array((3 * len(cut.members), body.model.n_full))
         for side, face in enumerate(cut.unit.sides):
-            trace = None if face == GROUND else cut.trace(side)
+            trace = None
+            if face != GROUND:
+                trace = cut.trace(side)
             if trace is not None and (name := split_face(face)[0]) in body.where:
                 if side:
                     sign = 1.0

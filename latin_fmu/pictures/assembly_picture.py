@@ -16,11 +16,11 @@ from ..checks.mesh_checks import check_faces
 from ..errors import Problems, SceneError
 from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
-from ..scene.boundaries import Driven, Periodic
+from ..scene.boundaries import Driven
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.readable_numbers import readable
-from ..scene.schema import Scene
+from ..scene.schema import Scene, faces_of
 from ..scene.units import UnitSystem
 from .frame import Skin, View, arrow, axes_with_units, draw, shifts_apart, skin_of
 from .style import PARTS, Colour, colours, styled
@@ -135,9 +135,11 @@ def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
             found = scene.interface
         reach = max((table.search for table in scene.contact.values()), default=0.0)
         return _Assembly(scene, bodies, [_named_joint(name, i, bodies, reach) for name, i in found.items()])
-    made, tables = discretised.scene, discretised.scene.joints
-    built = [_built_joint(unit, tables[unit.name].form is not None, made.unit_system) for unit in discretised.units]
-    return _Assembly(made, discretised.bodies, built)
+    described, tables = discretised.scene, discretised.scene.joints
+    built = [
+        _built_joint(unit, tables[unit.name].form is not None, described.unit_system) for unit in discretised.units
+    ]
+    return _Assembly(described, discretised.bodies, built)
 
 
 def _built_joint(unit: InterfaceUnit, formed: bool, units: UnitSystem) -> _Joint:
@@ -155,20 +157,23 @@ def _built_joint(unit: InterfaceUnit, formed: bool, units: UnitSystem) -> _Joint
         text += f", gap up to {readable(largest, units.label('m'), 3, figure=True)} (white)"
         # of a node: mean over the points that it takes part in
         there = [trace for trace in geometry.traces if trace is not None]
-        for (body, own), trace in zip(nodes.items(), there, strict=True):
+        for (body, rows), trace in zip(nodes.items(), there, strict=True):
             sums = abs(trace).T @ np.repeat(
                 np.stack([geometry.gap / largest, np.ones(geometry.n_point)], axis=1), 3, axis=0
             )
-            at_nodes = sums.reshape(-1, 3, 2).sum(axis=1)[own]
+            at_nodes = sums.reshape(-1, 3, 2).sum(axis=1)[rows]
             gap[body] = at_nodes[:, 0] / at_nodes[:, 1]
-    return _Joint(unit.name, text, nodes, normal, gap, "" if unit.behaviour.opens else unit.behaviour.name)
+    bond = ""
+    if not unit.behaviour.opens:
+        bond = unit.behaviour.name
+    return _Joint(unit.name, text, nodes, normal, gap, bond)
 
 
 def _named_joint(name: str, interface: Interface, bodies: Mapping[str, Body], reach: float) -> _Joint:
     """The whole faces; of whole surfaces, as contacts that are found have, what is within ``reach`` of the other, m."""
     faces = {split_face(side)[0]: split_face(side)[1] for side in interface.sides if side != GROUND}
     nodes = {body: bodies[body].facets(face).nodes for body, face in faces.items()}
-    places = {body: bodies[body].mesh.nodes[own] for body, own in nodes.items()}
+    places = {body: bodies[body].mesh.nodes[rows] for body, rows in nodes.items()}
     if len(nodes) == 2 and set(faces.values()) == {ALL_OF_IT}:
         near = {}
         for body, other in zip(places, reversed(places), strict=True):
@@ -192,8 +197,11 @@ def _colours(joints: Sequence[_Joint]) -> dict[str, Colour]:
     """Colours by interface: distinct ones for those that may open; bonds have one where they are many."""
     bonds = [j.name for j in joints if j.bond]
     one = len(bonds) > _FEW_BONDS
-    own = [j.name for j in joints if not (j.bond and one)]
-    return dict(zip(own, colours(len(own)), strict=True)) | (dict.fromkeys(bonds, BONDED) if one else {})
+    distinct = [j.name for j in joints if not (j.bond and one)]
+    by_name = dict(zip(distinct, colours(len(distinct)), strict=True))
+    if one:
+        by_name |= dict.fromkeys(bonds, BONDED)
+    return by_name
 
 
 def _layout(apart: Sequence[Skin], view: View) -> tuple[Figure, list[Axes]]:
@@ -221,7 +229,7 @@ def _rgb(colour: Colour) -> Array:
 def _paint(assembly: _Assembly, skins: dict[str, Skin], strong: Mapping[str, Colour]) -> None:
     """Faces of supports and interfaces in their colours."""
     for boundary in assembly.scene.boundary.values():
-        for face in boundary.faces if isinstance(boundary, Periodic) else (boundary.face,):
+        for face in faces_of(boundary):
             body, name = split_face(face)
             nodes = assembly.bodies[body].nodes_of(name)
             skins[body] = skins[body].painted(nodes, _rgb(SUPPORTS[boundary.type]))
@@ -277,7 +285,10 @@ def _motions(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
             yield _middle(bodies, boundary.face)[0], direction, text, SUPPORTS[boundary.type], True
     for name, port in scene.port.items():
         text = f"{name}\nport, {port.causality.replace('_', ' ')}: {' '.join(port.components)}"
-        yield *_middle(bodies, port.face), text, MOTION if port.causality == "motion_in" else LOAD, True
+        colour = LOAD
+        if port.causality == "motion_in":
+            colour = MOTION
+        yield *_middle(bodies, port.face), text, colour, True
 
 
 def _of_bodies(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
@@ -328,12 +339,12 @@ def _legend(figure: Figure, assembly: _Assembly, tints: Mapping[str, str], stron
     by_type: dict[str, list[str]] = {}
     for name, boundary in assembly.scene.boundary.items():
         by_type.setdefault(boundary.type, []).append(name)
-    held = [(SUPPORTS[support], f"{support}: {_few(names)}") for support, names in by_type.items()]
+    supports = [(SUPPORTS[support], f"{support}: {_few(names)}") for support, names in by_type.items()]
     items = [
         *_shortened(parts, "parts"),
         *_shortened(joints, "interfaces that may open", 2 * _MOST_NAMES),
         *bonded,
-        *held,
+        *supports,
     ]
     handles = [Patch(facecolor=colour, edgecolor="0.3", linewidth=0.5, label=text) for colour, text in items]
     if max(len(text) for _, text in items) < 30:

@@ -94,8 +94,9 @@ def draw(axis: Axes, skins: Sequence[Skin], view: View, around: Array | None = N
     paint(axis, skins, view)
     axis.set_aspect("equal")
     axis.set_axis_off()
-    flat = view.project(np.concatenate([s.points for s in skins]) if around is None else around)
-    zoom(axis, flat, 0.04)
+    if around is None:
+        around = np.concatenate([s.points for s in skins])
+    zoom(axis, view.project(around), 0.04)
 
 
 def zoom(axis: Axes, flat: Array, around: float) -> None:
@@ -117,7 +118,9 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
     near = np.where(view.viewer > 0, high + _MARGIN * size, low - _MARGIN * size)
     far = np.where(view.viewer > 0, low - _MARGIN * size, high + _MARGIN * size)
     # the horizontal axes lie on the side of the box that the viewer looks along, below it or above
-    near[2] = low[2] - _MARGIN * size if view.viewer[2] > 0 else high[2] + _MARGIN * size
+    near[2] = high[2] + _MARGIN * size
+    if view.viewer[2] > 0:
+        near[2] = low[2] - _MARGIN * size
     right = view.project(np.array([[near[0], far[1], 0.0], [far[0], near[1], 0.0]]))[:, 0]
     for k in range(3):
         start = near.copy()
@@ -202,7 +205,9 @@ def arrow(
     axis: Axes, view: View, tip: Array, direction: Array, colour: str, label: str, tail_first: bool = False
 ) -> None:
     """An arrow along ``direction`` (3,), m, that ends at ``tip`` (or starts there), with a label at its tail."""
-    start, end = (tip, tip + direction) if tail_first else (tip - direction, tip)
+    start, end = tip - direction, tip
+    if tail_first:
+        start, end = tip, tip + direction
     tail, head = view.project(np.stack([start, end]))
     style = {
         "arrowstyle": "-|>,head_width=0.35,head_length=0.7",

@@ -33,7 +33,9 @@ def response_figure(response: FrequencyResponse, along: str | None = None) -> Fi
             upper.plot(response.frequency, np.abs(values[:, axis]), label=f"{sensor}, {AXES[axis]}", **look)
             lower.plot(response.frequency, np.degrees(np.angle(values[:, axis])), **look)
         unit = unit_text(response.unit_of(drive), figure=True)
-        label = response.kind_of(drive) + (f" ({unit})" if unit else "")
+        label = response.kind_of(drive)
+        if unit:
+            label += f" ({unit})"
         upper.set(title=f"driven by {drive}", xscale="log", yscale="log", ylabel=label)
         lower.set(xlabel="frequency (Hz)", ylabel="phase (degrees)", ylim=(-190, 190), yticks=range(-180, 181, 90))
         for panel in (upper, lower):

@@ -14,7 +14,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..fem.mesh import Array, Mesh, cell_blocks, nearest
-from ..results.groups import datasets_of, unit_of, units_of
+from ..results.groups import children_of, datasets_of, unit_of, units_of
 from ..results.interface_fields import InterfaceFields, normal_resultant
 from ..results.writing import write_whole
 from ..scene.readable_numbers import prefix_for, readable
@@ -95,14 +95,20 @@ def bodies_in_motion(
     size, largest = float(np.ptp(rest, axis=0).max()), _largest_displacement(bodies, instants)
     if magnify is None:
         magnify = magnification(size, largest)
-    scales = _Scales(largest, 0.0 if chosen is None else _largest_pressure(tree, chosen, instants), magnify, rest)
+    pressure = 0.0
+    if chosen is not None:
+        pressure = _largest_pressure(tree, chosen, instants)
+    scales = _Scales(largest, pressure, magnify, rest)
     flat = np.ptp(View.at(_AZIMUTH, _ELEVATION).project(rest), axis=0)
     height = float(np.clip(6.6 * flat[1] / max(float(flat[0]), 1e-300) + 2.2, 3.6, 6.4))
-    figure = Figure(figsize=(11.0 if chosen else 7.5, height), layout="constrained")
+    width, ratios = 7.5, [1.0]
+    if chosen:
+        width, ratios = 11.0, [1.5, 1.0]
+    figure = Figure(figsize=(width, height), layout="constrained")
 
     def draw_instant(time: float) -> None:
         figure.clear()
-        axes = figure.subplots(1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,))[0]
+        axes = figure.subplots(1, len(ratios), squeeze=False, width_ratios=ratios)[0]
         at = {name: dataset.sel(time=time, method="nearest") for name, dataset in bodies.items()}
         # NaN where a node has no value
         moved = {name: np.nan_to_num(dataset["displacement"].values) for name, dataset in at.items()}
@@ -153,8 +159,7 @@ def stored_bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     ------
     ResultsError : the file has none.
     """
-    children = tree["substructures"].children if "substructures" in tree.children else {}
-    bodies = {name: node.to_dataset() for name, node in children.items()}
+    bodies = datasets_of(tree, "substructures")
     bodies = {name: d for name, d in bodies.items() if "displacement" in d and "cell_nodes" in d}
     if not bodies:
         problem = Problem(
@@ -166,7 +171,7 @@ def stored_bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 def _interface(tree: xr.DataTree, name: str | None) -> str | None:
     """The interface of this name, or the one with the largest force where None."""
-    children = tree["interfaces"].children if "interfaces" in tree.children else {}
+    children = children_of(tree, "interfaces")
     if name is not None and name not in children:
         problem = Problem("--interface", "no interface of this name", name, ", ".join(children) or "none")
         raise ResultsError([problem], _NOTHING)
@@ -376,7 +381,10 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
     rubs = float(dataset.attrs.get("friction_coefficient", 0.0)) > 0.0
     maps = _maps(chosen, rubs)
     ranges = [_range(values) for _, values, _, _ in maps]
-    rows, columns = (2, 2) if len(maps) > 2 else (1, len(maps))
+    if len(maps) > 2:
+        rows, columns = 2, 2
+    else:
+        rows, columns = 1, len(maps)
     width, height = (float(np.ptp(dataset[name].values)) for name in ("surface_x", "surface_y"))
     tall = float(np.clip(4.2 * height / max(width, 1e-300), 2.0, 5.5)) + 1.6
     figure = Figure(figsize=(10.0 if rubs else 5.4, rows * tall), layout="constrained")
@@ -470,7 +478,9 @@ def _draw_states(figure: Figure, axis: Axes, dataset: xr.Dataset, states: Array)
     (x, y), _ = _places(dataset)
     for number, (name, mark, size) in enumerate(_MARKS):
         at = states == number
-        colour: dict[str, Any] = {"color": "0.35"} if mark == "x" else {"facecolors": "white", "edgecolors": "black"}
+        colour: dict[str, Any] = {"facecolors": "white", "edgecolors": "black"}
+        if mark == "x":
+            colour = {"color": "0.35"}
         axis.scatter(x[at], y[at], s=size, marker=mark, linewidths=0.7, label=name, zorder=3, clip_on=False, **colour)
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 

@@ -128,8 +128,8 @@ def _shown(spread: xr.DataTree, kind: str) -> list[tuple[str, xr.Dataset]]:
     def size(pair: tuple[str, xr.Dataset]) -> float:
         return -float(np.abs(next(iter(pair[1].data_vars.values())).values).max(initial=0.0))
 
-    kept = sorted(found, key=size)[:_MOST]
-    return [pair for pair in found if any(pair is other for other in kept)]
+    largest = sorted(found, key=size)[:_MOST]
+    return [pair for pair in found if any(pair is other for other in largest)]
 
 
 def _events(data: xr.Dataset) -> Array:

@@ -91,11 +91,13 @@ def colours(count: int) -> list[Colour]:
 def curve_styles(count: int, markers: bool = False) -> list[dict[str, Any]]:
     """Colour and line style of every curve, with a marker where wanted; the lines repeat beyond eight curves, of which
     the lightness of the colours differs."""
-    made: list[dict[str, Any]] = []
+    looks: list[dict[str, Any]] = []
     for i, colour in enumerate(colours(count)):
         look: dict[str, Any] = {"color": colour, "linestyle": LINES[i % len(LINES)]}
-        made.append(look | ({"marker": MARKERS[i % len(MARKERS)]} if markers else {}))
-    return made
+        if markers:
+            look["marker"] = MARKERS[i % len(MARKERS)]
+        looks.append(look)
+    return looks
 
 
 @dataclass(frozen=True)

@@ -154,11 +154,11 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     terms = {str(name).replace("_", " "): np.asarray(values.values) for name, values in energy.data_vars.items()}
     unit = next((unit_of(v, "J") for v in energy.data_vars.values()), "J")
     if "elastic" in terms:
-        held = float(terms["elastic"][0])
+        preload = float(terms["elastic"][0])
     else:
-        held = 0.0
-    if held > _PRELOADED * float(np.abs(terms.get("elastic", 0.0)).max(initial=0.0)):
-        terms[f"elastic, less {readable(held, unit, 3, figure=True)} of the start"] = terms.pop("elastic") - held
+        preload = 0.0
+    if preload > _PRELOADED * float(np.abs(terms.get("elastic", 0.0)).max(initial=0.0)):
+        terms[f"elastic, less {readable(preload, unit, 3, figure=True)} of the start"] = terms.pop("elastic") - preload
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
     size, label = prefix_for(largest, unit, figure=True)
     # smaller ones would lie on the axis
@@ -271,10 +271,10 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis, errors: Mappin
         return []
     time = next(iter(fields.values())).time
     few, unit = len(fields) <= FEW, unit_of(next(iter(groups.values()))["force"], "N")
-    normal = {
-        _with_peak(name, item, scale, unit, errors) if few else name: normal_resultant(item)
-        for name, item in fields.items()
-    }
+    labels = list(fields)
+    if few:
+        labels = [_with_peak(name, item, scale, unit, errors) for name, item in fields.items()]
+    normal = dict(zip(labels, map(normal_resultant, fields.values()), strict=True))
     # one scale for both panels
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
     draw = partial(history_panel, time=time, scale=scale, reference=reference, unit=unit)
@@ -301,14 +301,14 @@ def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, e
     size, label = prefix_for(peak, unit, figure=True)
     error = errors.get(f"{name}.{PEAK_FORCE.key}", np.nan)
     if np.isfinite(error):
-        known = f" ± {percent(error)}"
+        uncertainty = f" ± {percent(error)}"
     else:
-        known = ""
+        uncertainty = ""
     if duration > 0.0:
         over = f", mean of {duration / scale.divisor:.2g} {scale.unit}"
     else:
         over = ""
-    return f"{name}: peak {peak / size:.3g} {label}{known}{over}"
+    return f"{name}: peak {peak / size:.3g} {label}{uncertainty}{over}"
 
 
 def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
@@ -482,7 +482,9 @@ def _spectrum_axes(panel: Axes, lowest: float, top: float) -> None:
     last = np.ceil(np.log10(top))
     panel.set_ylim(10.0 ** max(np.floor(np.log10(max(lowest, 1e-5 * top))), last - 5), 10.0**last)
     panel.yaxis.set_minor_formatter(NullFormatter())
-    size, unit = (1e3, "kHz") if panel.get_xlim()[1] > 3e4 else (1.0, "Hz")
+    size, unit = 1.0, "Hz"
+    if panel.get_xlim()[1] > 3e4:
+        size, unit = 1e3, "kHz"
     panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     panel.xaxis.set_major_formatter(FuncFormatter(lambda f, _: f"{f / size:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())

@@ -196,11 +196,13 @@ def _interface(
     cells = np.nan_to_num(dataset["cells"].values, nan=-1).astype(np.int64)
     triangles = np.concatenate([cells[:, :3], cells[cells[:, 3] >= 0][:, [0, 2, 3]]])
     traction = np.nan_to_num(now["traction"].values)
-    made = {"pressure": (-np.einsum("tpc,pc->tp", traction, dataset["normal"].values), unit_of(now["traction"], "Pa"))}
+    quantities = {
+        "pressure": (-np.einsum("tpc,pc->tp", traction, dataset["normal"].values), unit_of(now["traction"], "Pa"))
+    }
     if "slip" in now:
-        made["slip"] = (np.nan_to_num(now["slip"].values), unit_of(now["slip"], "m"))
+        quantities["slip"] = (np.nan_to_num(now["slip"].values), unit_of(now["slip"], "m"))
     fields: dict[str, Any] = {}
-    for key, (values, unit) in made.items():
+    for key, (values, unit) in quantities.items():
         largest = float(values.max(initial=0.0))
         share = np.clip(values / max(largest, 1e-300), 0.0, 1.0)  # tension has the colour of no pressure
         fields[key] = {"values": block.add(np.rint(65535 * share), "<u2"), "largest": largest, "unit": unit}

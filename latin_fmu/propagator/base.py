@@ -49,6 +49,13 @@ class MassFactor(Protocol):
 _FIELDS = ("u", "v", "a", "residual")
 
 
+def _copy_of(field: Array | None) -> Array | None:
+    """A copy, None of what is not there."""
+    if field is None:
+        return None
+    return field.copy()
+
+
 class ClassState:
     """Motion of a class, (n_dof, n_member) each: displacements, velocities, accelerations, residual forces; m, m s-1,
     m s-2, N.
@@ -66,7 +73,7 @@ class ClassState:
         self._shape, self._energy = (n_dof, n_member), energy
         self.image: Image | None = None
         self.number = 0
-        self._own: dict[str, Array] = {name: np.zeros(self._shape) for name in _FIELDS}
+        self._arrays: dict[str, Array] = {name: np.zeros(self._shape) for name in _FIELDS}
         self._elongation: Array | None = None  # of Maxwell branches, likewise
         self._face: Array | None = None  # of a stiffness of the face, likewise
         self._account: Array | None = None  # of energies, where a state was set before there is an image
@@ -98,10 +105,13 @@ class ClassState:
 
     def set(self, u: Array, v: Array, a: Array | None = None, residual: Array | None = None) -> None:
         """Set the motion; zeros for what is not given."""
-        zero = np.zeros_like(u)
-        new = (u, v, zero if a is None else a, zero if residual is None else residual)
+        if a is None:
+            a = np.zeros_like(u)
+        if residual is None:
+            residual = np.zeros_like(u)
+        new = (u, v, a, residual)
         if self.image is None:
-            self._own = dict(zip(_FIELDS, (np.array(x) for x in new), strict=True))
+            self._arrays = dict(zip(_FIELDS, (np.array(x) for x in new), strict=True))
             return
         for into, x in zip(self.fields, new, strict=True):
             into[...] = x
@@ -151,7 +161,7 @@ class ClassState:
 
     def _field(self, name: str) -> Array:
         if self.image is None:
-            return self._own[name]
+            return self._arrays[name]
         return self.part(name, self._shape[0] * self._shape[1]).reshape(self._shape)
 
     def relax(self) -> None:
@@ -165,16 +175,16 @@ class ClassState:
         # before ``stand_in``, which lets go of the place where they are
         fields = self.fields
         account = self.account
-        elongation = self.elongation
-        elongation = None if elongation is None else elongation.copy()
-        face = None if self.face is None else self.face.copy()
+        elongation, face = _copy_of(self.elongation), _copy_of(self.face)
         self.stand_in(image, number)
         self.set(*fields)
         if face is not None:
             self.put_on_face(face)
         there = self.elongation
         if there is not None:
-            there[:] = 0.0 if elongation is None else elongation
+            there[:] = 0.0
+            if elongation is not None:
+                there[:] = elongation
         there = self.account
         if account is not None and there is not None and account.size == there.size:
             there[:] = account
@@ -183,19 +193,16 @@ class ClassState:
         """Take the motion that stands in an image, as its class ``number``."""
         self.image = image
         self.number = number
-        self._own = {}
+        self._arrays = {}
 
     def detach(self) -> None:
         """Keep a copy of the motion: the image belongs to other operators."""
         if self.image is None:
             return
-        account = self.account
         fields = {name: field.copy() for name, field in zip(_FIELDS, self.fields, strict=True)}
-        self._account = None if account is None else account.copy()
-        elongation = self.elongation
-        self._elongation = None if elongation is None else elongation.copy()
-        self._face = None if self.face is None else self.face.copy()
-        self._own, self.image = fields, None
+        self._account = _copy_of(self.account)
+        self._elongation, self._face = _copy_of(self.elongation), _copy_of(self.face)
+        self._arrays, self.image = fields, None
 
 
 class Propagator(ABC):
@@ -238,7 +245,7 @@ class Propagator(ABC):
         self.swept = members[0].swept
         self.loads_only = False  # of the energies the work of the loads alone is followed
         self.forcing = Forcing(members, scheme)
-        self._kept: list[tuple[float, Any]] = [] if operators is None else operators
+        self._operators_by_step: list[tuple[float, Any]] = [] if operators is None else operators
         self._resumed: list[MotionState] | None = None
         self.begun = False
         self.instant = 0
@@ -255,18 +262,22 @@ class Propagator(ABC):
         """Operators for the step dt: a few are kept for use again."""
         if hasattr(self, "dt") and self.dt == dt:
             return
-        operators = next((entry for step, entry in self._kept if step == dt), None)
+        operators = next((entry for step, entry in self._operators_by_step if step == dt), None)
         if operators is None:
             operators = self._build(dt)
             # in place: twins hold the same list
-            del self._kept[: -_STEPS_KEPT + 1]
-            self._kept.append((dt, operators))
+            del self._operators_by_step[: -_STEPS_KEPT + 1]
+            self._operators_by_step.append((dt, operators))
         self.dt, self.operators = dt, operators
         # the image belongs to the operators of the former step
         self.state.detach()
         self.k: Array = np.zeros((self.n_channel, 1))
         self.single, self.tables = False, dict[str, Table]()
-        self._condensed: Any = operators.factor if self.swept else operators.compliance  # for k = 0
+        # for k = 0
+        if self.swept:
+            self._condensed: Any = operators.factor
+        else:
+            self._condensed = operators.compliance
 
     def bind(self, k: Array, single: bool = False) -> None:
         """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k). ``single``:
@@ -439,10 +450,13 @@ def balance(propagator: Propagator, traction: Array) -> Array:
 
 def forces_of_motion(propagator: Propagator) -> tuple[Array, Array]:
     """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member), N."""
-    viscous = propagator.internal_forces()[1] + propagator.forcing.parts(0)[1]
+    viscous, inertia = propagator.internal_forces()[1] + propagator.forcing.parts(0)[1], None
     # a lumped mass of driven dofs does not couple with others
-    inertia = None if propagator.scheme.explicit else propagator.forcing.inertia(0)
-    return viscous, np.zeros_like(viscous) if inertia is None else inertia
+    if not propagator.scheme.explicit:
+        inertia = propagator.forcing.inertia(0)
+    if inertia is None:
+        inertia = np.zeros_like(viscous)
+    return viscous, inertia
 
 
 # -- reading the state ----------------------------------------------------------------------------------------------

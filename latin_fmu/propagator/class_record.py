@@ -45,31 +45,31 @@ class BlockLayout:
 
     def __init__(self, start: int = 0) -> None:
         self.size = start
-        self._known: dict[int, tuple[int, Any]] = {}  # position by identity; the arrays are kept alive
+        self._positions: dict[int, tuple[int, Any]] = {}  # position by identity; the arrays are kept alive
         self._arrays: list[tuple[int, NDArray[Any]]] = []  # position in numbers of its kind, array
         self._waiting: list[Callable[[Array], None]] = []
 
     def reserve(self, size: int, owner: Any = None) -> int:
         """Position of ``size`` numbers, on a line of the cache; the same one each time for the same ``owner``."""
-        entry = self._known.get(id(owner))
+        entry = self._positions.get(id(owner))
         if entry is not None:
             return entry[0]
         at = self.size
         # up to a whole line of the cache: threads that write to neighbouring arrays share none
         self.size = at + -(-size // LINE) * LINE
         if owner is not None:
-            self._known[id(owner)] = at, owner
+            self._positions[id(owner)] = at, owner
         return at
 
     def put(self, array: NDArray[Any], kind: type[np.generic] = np.float64) -> int:
         """Position of an array, in numbers of ``kind`` (float64, int64, uint32, float32)."""
-        entry = self._known.get(id(array))
+        entry = self._positions.get(id(array))
         if entry is not None:
             return entry[0]
         packed = np.ascontiguousarray(array, dtype=kind).reshape(-1)
         position = self.reserve(-(-packed.nbytes // 8)) * (8 // packed.itemsize)  # a position in numbers of its kind
         self._arrays.append((position, packed))
-        self._known[id(array)] = position, array
+        self._positions[id(array)] = position, array
         return position
 
     def fill_later(self, write: Callable[[Array], None]) -> None:
@@ -79,7 +79,7 @@ class BlockLayout:
     def fill(self, target: Array) -> None:
         """Write what was put in since the last time into the block itself; the arrays are no longer kept, each from
         when it is written on: a large factor and its copy are not there beside all others."""
-        self._known.clear()
+        self._positions.clear()
         while self._arrays:
             position, array = self._arrays.pop()
             target.view(array.dtype)[position : position + array.size] = array
@@ -173,7 +173,10 @@ def put_dense(
         return block.put(np.concatenate([matrix[np.ix_(picked, picked)].ravel() for picked in parts]))
     matrix = np.ascontiguousarray(matrix)
     sizes = [len(picked) * (len(picked) + 1) // 2 for picked in parts]
-    kind, numbers = (np.float32, 2) if single else (np.float64, 1)
+    kind: type[np.floating] = np.float64
+    numbers = 1
+    if single:
+        kind, numbers = np.float32, 2
     # a place in numbers of its kind
     first = at = numbers * block.reserve(-(-sum(sizes) // numbers))
     for picked, size in zip(parts, sizes, strict=True):
@@ -212,7 +215,6 @@ def constants(
     """
     ops = propagator.operators
     live = np.flatnonzero(ops.compliance.diagonal())  # the others cannot move
-    static = propagator.scheme.name == "quasi_static"
     motions = propagator.members[0].imposed_pattern.shape[1]
     row: Row = {
         "n": propagator.n_dof,
@@ -226,7 +228,7 @@ def constants(
         "n_motion": motions,
         "n_branch": len(propagator.branches),
         "n_sensed": propagator.n_sensed,
-        "kind": STATIC if static else EXPLICIT if propagator.scheme.explicit else DIRECT,
+        "kind": _kind(propagator.scheme),
         "accounted": int(propagator.energy),
         "loads_only": int(propagator.loads_only),
     }
@@ -234,17 +236,7 @@ def constants(
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
     row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
-    # rows of a node taken together pay where half of the matrix is read, and not by pieces
-    halved = row["m"] < TILED and row["n_piece"] == 0
-    if halved:
-        stiffness = propagator.members[0].stiffness_by_nodes
-    else:
-        stiffness = ops.stiffness
-    # without inertia neither mass nor damping is read
-    for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
-        put_symmetric(block, row, name, matrix, halves)
-    put_symmetric(block, row, "damping", None if static else ops.damping, halves)
-    put_symmetric(block, row, "unrelaxed", None if static else unrelaxed_part(propagator.members[0]), halves)
+    _put_matrices(block, row, propagator, halves)
     face = propagator.members[0].face
     if row["n_modal"] or (face is not None and ops.modal is not None):
         row["n_viscous"], row["viscous_rows"] = len(ops.modal), block.put(ops.modal)
@@ -266,6 +258,32 @@ def constants(
     else:
         _dense_interface(block, row, propagator, live, is_normal[:, 0])
     return row
+
+
+def _kind(scheme: Any) -> int:
+    """Number of the march of a scheme in the kernels."""
+    if scheme.name == "quasi_static":
+        return STATIC
+    if scheme.explicit:
+        return EXPLICIT
+    return DIRECT
+
+
+def _put_matrices(block: BlockLayout, row: Row, propagator: Any, halves: Halves) -> None:
+    """Mass, stiffness and damping of a class, as far as its march reads them."""
+    ops = propagator.operators
+    # rows of a node taken together pay where half of the matrix is read, and not by pieces
+    if row["m"] < TILED and row["n_piece"] == 0:
+        stiffness = propagator.members[0].stiffness_by_nodes
+    else:
+        stiffness = ops.stiffness
+    # without inertia neither mass nor damping is read
+    matrices = {"mass": None, "stiffness": stiffness, "damping": None, "unrelaxed": None}
+    if _kind(propagator.scheme) != STATIC:
+        unrelaxed = unrelaxed_part(propagator.members[0])
+        matrices |= {"mass": ops.mass, "damping": ops.damping, "unrelaxed": unrelaxed}
+    for name, matrix in matrices.items():
+        put_symmetric(block, row, name, matrix, halves)
 
 
 def _swept_interface(block: BlockLayout, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:
@@ -291,9 +309,10 @@ def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index,
             inverse = factor.schur_inverse
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
         every = np.arange(row["n_inner"])
-        row["schur_inverse"] = (
-            block.put(inverse) if inverse.ndim == 1 else put_dense(block, inverse, [every], m, bool(plain))
-        )
+        if inverse.ndim == 1:
+            row["schur_inverse"] = block.put(inverse)
+        else:
+            row["schur_inverse"] = put_dense(block, inverse, [every], m, bool(plain))
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
     # normal channels first: both kinds have a norm of their own in the force residual
     blocks = [live[is_normal[live]], live[~is_normal[live]]]
@@ -430,7 +449,9 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         block.fill_later(partial(_copy, at, factor.panels))
         # counted in single numbers of the block
         row["k_panels"] = numbers * at
-        row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
+        row["single"] = 0
+        if numbers != 1:
+            row["single"] = 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
         return row
     if constant.get("patched"):
@@ -454,9 +475,10 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
 
 def in_response_patches(propagator: Any, live: Index) -> Patches:
     """Y of a class in patches."""
-    tolerance, kind = (OF_RESPONSE, np.float32) if propagator.single else (EXACT, np.float64)
-    response = propagator.condensed[np.ix_(live, live)]
-    return in_patches(response, propagator.operators.face.patches, tolerance, kind)
+    response, patches = propagator.condensed[np.ix_(live, live)], propagator.operators.face.patches
+    if propagator.single:
+        return in_patches(response, patches, OF_RESPONSE, np.float32)
+    return in_patches(response, patches, EXACT, np.float64)
 
 
 def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:

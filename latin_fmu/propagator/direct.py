@@ -175,7 +175,9 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     """Factorise and condense (once per class and time step)."""
     mass, damping, stiffness = model.reduced
     dofs, trace, rank = model.at_interface
-    modal = None if model.modal_rows is None else np.ascontiguousarray(model.modal_rows @ model.expansion)
+    modal = None
+    if model.modal_rows is not None:
+        modal = np.ascontiguousarray(model.modal_rows @ model.expansion)
     c_mass, c_damping, c_stiffness = operator_weights(model, scheme, dt)
     factors = operator_factors(model, scheme, dt)
     # accelerations of interface dofs are w_t S^-1 times the forces, W follows by dW/da
@@ -263,7 +265,10 @@ class DirectPropagator(Propagator):
         energy: bool,
         twin: DirectPropagator | None = None,
     ) -> None:
-        super().__init__(members, scheme, dt, energy, None if twin is None else twin._kept)
+        operators = None
+        if twin is not None:
+            operators = twin._operators_by_step
+        super().__init__(members, scheme, dt, energy, operators)
 
     def _build(self, dt: float) -> ImplicitOperators:
         return build_operators(self.members[0], self.scheme, dt)

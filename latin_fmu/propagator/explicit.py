@@ -62,12 +62,11 @@ class ExplicitPropagator(Propagator):
                 self.dashpots = _lumped_damping(model, model.damping)
             # the rest of C acts at the old instant, so that the operator stays diagonal
             lagged = sp.csr_array(self._damping - p.T @ self.dashpots @ p)
-        nothing = np.zeros(0)  # a rigid body has no stiffness
-        self.stability = StableStep(
-            nothing if rigid else self._mass.diagonal(),
-            model.branches.instantaneous * self._stiffness,
-            None if rigid else lagged,
-        )
+        stiffness = model.branches.instantaneous * self._stiffness
+        if rigid:  # without stiffness
+            self.stability = StableStep(np.zeros(0), stiffness, None)
+        else:
+            self.stability = StableStep(self._mass.diagonal(), stiffness, lagged)
         super().__init__(members, scheme, dt, energy)
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:

@@ -181,7 +181,9 @@ class Forcing:
         sums["force"] = Sum(list(sums["force"].patterns), list(sums["force"].amplitudes))
         for column, (motion, member) in enumerate(zip(self._motion, self.members, strict=True)):
             if motion is not None:
-                lumped = None if dashpots is None else member.expansion.T @ (dashpots @ motion.pattern)
+                lumped = None
+                if dashpots is not None:
+                    lumped = member.expansion.T @ (dashpots @ motion.pattern)
                 motion.add_to(sums, trace @ motion.pattern, (column, members), lumped, self.sources is not None)
         return self._constant, sums
 
@@ -257,10 +259,15 @@ class _Motion:
         else:
             self._speed = member.imposed_speed
         reduce = member.expansion.T
-        self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
+        self._mass, self._unrelaxed = None, None
+        if member.mass is not None:
+            self._mass = reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
-        self._unrelaxed = None if member.unrelaxed is None else reduce @ (member.unrelaxed @ self.pattern)
-        self._damping = None if (damped := damping_forces(member, self.pattern)) is None else reduce @ damped
+        if member.unrelaxed is not None:
+            self._unrelaxed = reduce @ (member.unrelaxed @ self.pattern)
+        self._damping = damping_forces(member, self.pattern)
+        if self._damping is not None:
+            self._damping = reduce @ self._damping
 
     def begin(self, drive: Array, kinds: Sequence[str], dt: float) -> None:
         """Histories from what drives the motions, (n_time, n_motion), of these kinds (``Histories``)."""
@@ -314,7 +321,9 @@ class _Motion:
             for i in range(len(u) - 1):
                 reached = c_e * elongation[i] + c_u * (middle[i + 1] - u[i])
                 strains[i + 1] += strength * reached
-                elongation[i + 1] = c_e * reached + c_u * (u[i + 1] - middle[i + 1]) if explicit else reached
+                if explicit:
+                    reached = c_e * reached + c_u * (u[i + 1] - middle[i + 1])
+                elongation[i + 1] = reached
         self._strained, self._strains = middle + strains, strains
 
     def at(self, instant: int) -> MotionState:
@@ -328,10 +337,15 @@ class _Motion:
 
     def reduced_elastic(self, instant: int) -> Array:
         force: Array = self._stiffness @ self._strained[instant]
-        return force if self._unrelaxed is None else force - self._unrelaxed @ self._strains[instant]
+        if self._unrelaxed is not None:
+            force = force - self._unrelaxed @ self._strains[instant]
+        return force
 
     def reduced_viscous(self, instant: int) -> Array | float:
-        return 0.0 if self._damping is None else self._damping @ self.histories[1][instant]
+        if self._damping is None:
+            return 0.0
+        force: Array = self._damping @ self.histories[1][instant]
+        return force
 
     def add_to(
         self, sums: dict[str, Sum], at_channels: Array, of: tuple[int, int], lumped: Array | None, always: bool

@@ -242,7 +242,9 @@ class _Columns:
                 here = sorted_by[turned][starts[turned][number] : starts[turned][number + 1]]
                 # half from each order: symmetric to the last bit
                 part = 0.5 * velocities[rows[here], :, colours[columns[here]]]
-                blocks[here] += part.transpose(0, 2, 1) if turned else part
+                if turned:
+                    part = part.transpose(0, 2, 1)
+                blocks[here] += part
         return blocks
 
     def difference(self, table: Table, forces: Array) -> tuple[Array, Array]:

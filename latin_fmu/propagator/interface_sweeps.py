@@ -190,7 +190,10 @@ class InterfaceCompliance:
                 break
             scaled = rest / self._diagonal[moving]
             last, size = size, float(rest @ scaled)
-            direction = scaled + (size / last * direction if last else 0.0)  # 0 in the first iteration
+            if last:  # 0 in the first iteration
+                direction = scaled + size / last * direction
+            else:
+                direction = scaled
             full[moving] = direction
             image = (self @ full)[moving]
             curvature = float(direction @ image)
@@ -282,7 +285,9 @@ class DashpotPattern:
         self._numbers = with_data(self.on_interface, np.arange(1.0, self.on_interface.nnz + 1))
         self._pattern = OperatorPattern([*matrices, self.on_interface])
         self._dofs, _, rank = model.at_interface
-        self.rank = None if rank is None else interface_last(rank, model.reduced_parts, self._dofs)
+        self.rank = None
+        if rank is not None:
+            self.rank = interface_last(rank, model.reduced_parts, self._dofs)
 
     @cached_property
     def symbolic(self) -> Symbolic:

@@ -94,9 +94,9 @@ def declared(fields: Iterable[records.Field]) -> dict[str, Arrays]:
         if place is None:
             raise ValueError(f"{name}: pool, shape and condition cannot be read: {meaning!r}")
         size = f"prod(({place['shape']}))"
-        found[place["pool"]].append(
-            Declared(name, f"{size} if {place['when']} else 0" if place["when"] else size, place["at"])
-        )
+        if place["when"]:
+            size = f"{size} if {place['when']} else 0"
+        found[place["pool"]].append(Declared(name, size, place["at"]))
     return {pool: Arrays(arrays) for pool, arrays in found.items()}
 
 

@@ -107,12 +107,12 @@ class OperatorPattern:
     """
 
     def __init__(self, matrices: Sequence[sp.csr_array]) -> None:
-        self._given = list(matrices)
+        self._matrices = list(matrices)
 
     @cached_property
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:
         """Matrix of zeros with the common pattern; where the entries of each matrix are, None where they are all."""
-        filled = [with_data(m, np.ones(m.nnz)) for m in self._given]
+        filled = [with_data(m, np.ones(m.nnz)) for m in self._matrices]
         # often the stiffness has all entries, and no union is made
         largest = max(filled, key=lambda m: m.nnz)
         found = self._within(largest, filled)
@@ -332,7 +332,9 @@ class SubstructureModel:
     @cached_property
     def reduced(self) -> tuple[sp.csr_array, sp.csr_array | None, sp.csr_array]:
         """Mass, damping and stiffness of the reduced dofs (n, n): P^T A P, P the expansion."""
-        damping = None if self.damping is None else _reduced(self.expansion, self.damping)
+        damping = None
+        if self.damping is not None:
+            damping = _reduced(self.expansion, self.damping)
         return _reduced(self.expansion, self.inertia), damping, self.reduced_stiffness
 
     @cached_property
@@ -407,8 +409,7 @@ class SubstructureModel:
         rank of the reduced dofs (n,) where the ordering is known."""
         trace = sp.csc_array(self.reduced_trace)
         dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
-        rank = None if self.ordering is None else reduced_rank(self.expansion, self.ordering)
-        return dofs, sp.csr_array(trace[:, dofs]), rank
+        return dofs, sp.csr_array(trace[:, dofs]), reduced_ordering(self)
 
     @cached_property
     def spread(self) -> sp.csr_array:
@@ -441,8 +442,10 @@ class SubstructureModel:
     @cached_property
     def with_lumped_mass(self) -> SubstructureModel:
         """The same model with a lumped mass, made once; its matrices need not be reduced again."""
-        diagonal = self.lumped_mass
-        other = self.with_mass(lumped(self.inertia, nodal=False) if diagonal is None else diagonal_matrix(diagonal))
+        if self.lumped_mass is None:
+            other = self.with_mass(lumped(self.inertia, nodal=False))
+        else:
+            other = self.with_mass(diagonal_matrix(self.lumped_mass))
         mass = reduced_diagonal(self.expansion, other.inertia.diagonal())
         # what the cached property would compute, from the lumped diagonal
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
@@ -457,8 +460,7 @@ def _modal_rows(model: SubstructureModel) -> Array | None:
         return None
     (ratio, below), e = model.modal, model.expansion
     mass, _, stiffness = model.reduced
-    rank = None if model.ordering is None else reduced_rank(e, model.ordering)
-    found = Vibration(stiffness, mass, rank).below((2 * np.pi * below) ** 2, MOST_MODES)
+    found = Vibration(stiffness, mass, reduced_ordering(model)).below((2 * np.pi * below) ** 2, MOST_MODES)
     if found is None:
         where, what = f"substructure.{model.name}.modal_damping.below", f"more than {MOST_MODES} modes are below"
         remedy = 'lower it, or take solver.propagator = "reduced", or damp the material'
@@ -543,7 +545,9 @@ def node_values(model: SubstructureModel, full: Array) -> Array:
 
 def damping_forces(model: SubstructureModel, velocities: Array) -> Array | None:
     """C v (n_full, k), N, modal damping included; None where there is no damping."""
-    forces = None if model.damping is None else model.damping @ velocities
+    forces = None
+    if model.damping is not None:
+        forces = model.damping @ velocities
     if model.modal_rows is None:
         return forces
     modal = model.modal_rows.T @ (model.modal_rows @ velocities)
@@ -583,6 +587,13 @@ def closest_reduced(expansion: sp.csr_array, full: Array) -> Array:
     gram = sp.csc_array(expansion.T @ expansion)
     solved: Array = spla.splu(gram).solve(np.asarray(expansion.T @ full))
     return solved
+
+
+def reduced_ordering(model: SubstructureModel) -> Array | None:
+    """Elimination rank of the reduced dofs (n,) of a model; None where its ordering is not known."""
+    if model.ordering is None:
+        return None
+    return reduced_rank(model.expansion, model.ordering)
 
 
 def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:

@@ -92,11 +92,11 @@ class ReducedPropagator(Propagator):
         n_mode: int,
         twin: ReducedPropagator | None = None,
     ) -> None:
-        self._given = list(members)
-        if twin is not None and _same_basis(twin._given, members):
+        self._full_members = list(members)
+        if twin is not None and _same_basis(twin._full_members, members):
             reduced = twin.members
             self.n_mode = twin.n_mode
-            operators = twin._kept
+            operators = twin._operators_by_step
         else:
             (reduced, self.n_mode), operators = reduced_members(members, n_mode), None
         super().__init__(reduced, scheme, dt, energy, operators)
@@ -108,9 +108,11 @@ class ReducedPropagator(Propagator):
         c_mass, c_damping, c_stiffness = operator_weights(model, scheme, dt)
         # coordinates are orthonormal in the mass
         a = c_mass + c_stiffness * diagonal
-        damp = None if damping is None else damping.toarray()
-        # damping couples the coordinates
-        inverse: Array = 1.0 / a if damp is None else la.inv(np.diag(a) + c_damping * damp)
+        damp, inverse = None, 1.0 / a
+        if damping is not None:
+            damp = damping.toarray()
+            # damping couples the coordinates
+            inverse = la.inv(np.diag(a) + c_damping * damp)
         trace: Array = (model.trace @ model.expansion).toarray()
         if damp is None:
             scaled = inverse[:, None] * trace.T
@@ -211,7 +213,9 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
     mass, stiffness = projected(model.inertia), projected(model.stiffness)
     mass[:m, :m] = np.eye(m)  # but for round-off
     stiffness[:m, :m] = np.diag(reduction.eigenvalues)
-    damping = None if model.damping is None else sp.csr_array(projected(model.damping))
+    damping = None
+    if model.damping is not None:
+        damping = sp.csr_array(projected(model.damping))
     if model.modal is not None:
         modal = sp.csr_array(_modal_damping(model, reduction.eigenvalues, stiffness))
         if damping is None:

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from .model import Array, SubstructureModel, closest_reduced, reduced_rank
+from .model import Array, SubstructureModel, closest_reduced, reduced_ordering
 from .vibration import Vibration
 
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
@@ -154,13 +154,15 @@ def reduce_model(
         raise ValueError("some free directions carry no mass")
     if not mass.shape[0]:
         raise ValueError("nothing is free to move")
-    body = Vibration(stiffness, mass, None if model.ordering is None else reduced_rank(e, model.ordering))
+    body = Vibration(stiffness, mass, reduced_ordering(model))
     # the closest start that the conditions allow
     start = closest_reduced(e, np.column_stack([model.displacement, model.velocity]))
     forces = _forces(model, shapes)
     # initial values excite modes as forces do
     excited = _unit(np.column_stack([forces, mass @ start]))
-    damping = None if model.damping is None else sp.csr_array(e.T @ model.damping @ e)
+    damping = None
+    if model.damping is not None:
+        damping = sp.csr_array(e.T @ model.damping @ e)
     for _ in range(_ROUNDS):
         if exciting is None:
             rigid, modes = lowest_modes(body, n_mode, excited)

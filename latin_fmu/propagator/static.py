@@ -219,18 +219,18 @@ class StaticPropagator(Propagator):
     def shared(self, springs: Array) -> list[tuple[float, Any]] | None:
         """Operators of this propagator for others of equal models, None where their springs (n_channel,) differ."""
         if np.array_equal(self._springs, springs):
-            return self._kept
+            return self._operators_by_step
         return None
 
     def _build(self, dt: float) -> StaticOperators:
         """One factor serves every length of increment."""
-        if not self._kept:
+        if not self._operators_by_step:
             if self.joined:
                 build = build_joined_operators
             else:
                 build = build_static_operators
             return build(self.members[0], self._springs, dt)
-        step, operators = self._kept[-1]
+        step, operators = self._operators_by_step[-1]
         assert isinstance(operators, StaticOperators)
         # velocities per force are as 1 / dt
         return replace(operators, compliance=operators.compliance * (step / dt))

@@ -41,7 +41,9 @@ _ANY: Final = 1 << 30  # instants: no limit
 
 def machine() -> str:
     """What the bits of a run depend on beside the scene and the version of the package."""
-    kernels = "in Python" if PLAIN else library.manifest(library.needed())[1][:12]
+    kernels = "in Python"
+    if not PLAIN:
+        kernels = library.manifest(library.needed())[1][:12]
     doubles = f"doubles {np.dtype(float).str} with {np.finfo(float).nmant} bits"
     versions = f"Python {platform.python_version()}, numpy {np.__version__}"
     return f"{library.target()}, {sys.byteorder}-endian, {doubles}, kernels {kernels}, {versions}"
@@ -91,7 +93,7 @@ class Checkpoint:
         self._log: Callable[[str], None] = warnings.warn if log is None else log
         self._file: BinaryIO | None = None
         self._told = ""
-        self._own = False  # whether the files at ``path`` are of this run
+        self._owns_files = False  # whether the files at ``path`` are of this run
 
     @contextmanager
     def of(self, run: Run, digest: str) -> Iterator[None]:
@@ -116,7 +118,7 @@ class Checkpoint:
         """
         self._digest, self._machine = digest, machine()
         recorder = run.recorder
-        self._kept, self._fields, self._windows = recorder.n_kept, recorder.n_fields, 0
+        self._first, self._fields, self._windows = recorder.n_kept, recorder.n_fields, 0
         self._bytes, self._checksum = 0, hashlib.blake2b(digest_size=32)
         self._last, self._written_at = 0, clock.monotonic()
         longest = run.settings.window or run.assembly.n_instant
@@ -154,7 +156,7 @@ class Checkpoint:
 
     def remove(self) -> None:
         """Remove the files of this run: the results have been written. Those of another run stay."""
-        if self._own or not self.found:
+        if self._owns_files or not self.found:
             for path in (self.path, self.previous, self.histories):
                 with suppress(OSError):
                     path.unlink(missing_ok=True)
@@ -194,7 +196,7 @@ class Checkpoint:
     def _take_over(self) -> None:
         """Make the place free for the checkpoints of this run: those of an earlier one get a number."""
         _refuse_link(self.path)
-        if not self._own and self.found:
+        if not self._owns_files and self.found:
             number = next(n for n in count(1) if not os.path.lexists(f"{self.path}.{n}"))
             for suffix in ("", ".previous", ".histories"):
                 with suppress(FileNotFoundError):
@@ -206,7 +208,7 @@ class Checkpoint:
                 f"the checkpoint of an earlier run is kept as {self.path}.{number} and {self.path}.{number}.histories"
             )
             self._log(f"{text}: rename both to continue it with --resume")
-        self._own = True
+        self._owns_files = True
 
     def _write(self, run: Run) -> None:
         """Write a checkpoint; where that fails the run goes on, and the last one stays."""
@@ -216,8 +218,8 @@ class Checkpoint:
             file, recorder = self._lock(), run.recorder
             part = encode(
                 {
-                    "first": self._kept,
-                    "recorder": recorder.part(self._kept, self._fields),
+                    "first": self._first,
+                    "recorder": recorder.part(self._first, self._fields),
                     "windows": run.windows.part(self._windows),
                 },
                 _KIND,
@@ -244,7 +246,7 @@ class Checkpoint:
             self._written_at = clock.monotonic()
             return
         self._bytes, self._checksum = self._bytes + len(added), checksum
-        self._kept, self._fields, self._windows = recorder.n_kept, recorder.n_fields, len(run.windows)
+        self._first, self._fields, self._windows = recorder.n_kept, recorder.n_fields, len(run.windows)
         self._last, self._written_at = run.assembly.instant, clock.monotonic()
 
     def _keep_previous(self) -> None:
@@ -275,12 +277,12 @@ class Checkpoint:
                 continue
             if failure is not None:
                 self._log(f"{failure.problems[0]}; the previous checkpoint is used")
-            self._checksum, self._own = checksum, True
+            self._checksum, self._owns_files = checksum, True
             for part in self._parts(tree["bytes"]):
                 run.recorder.append(part["recorder"], part["first"])
                 run.windows.extend(part["windows"])
             run.restore(tree["run"])
-            self._kept, self._fields, self._windows = run.recorder.n_kept, run.recorder.n_fields, len(run.windows)
+            self._first, self._fields, self._windows = run.recorder.n_kept, run.recorder.n_fields, len(run.windows)
             self._bytes, self._last = tree["bytes"], run.assembly.instant
             self._log(f"continued from {path}: instant {self._last} of {run.assembly.n_instant}")
             return

@@ -88,16 +88,25 @@ class Recovered:
 
     def fields(self, history: SubstructureHistory) -> dict[str, Array | None]:
         """The fields of a substructure by name, None where not requested."""
-        moved, stress = history.displacement, history.stress
-        nodal = self.recovery.nodal_stress(moved) if self.nodal_stress and moved is not None else None
+        moved, strain, nodal = history.displacement, None, None
+        if self.strain and moved is not None:
+            strain = self.recovery.strain(moved)
+        if self.nodal_stress and moved is not None:
+            nodal = self.recovery.nodal_stress(moved)
         if nodal is not None and self.unstrained is not None:
             nodal = nodal + self.unstrained(history.time)
         return {
-            "strain": self.recovery.strain(moved) if self.strain and moved is not None else None,
-            "principal_stress": principal(stress) if self.principal_stress and stress is not None else None,
+            "strain": strain,
+            "principal_stress": self._principal(history.stress),
             "nodal_stress": nodal,
-            "nodal_principal_stress": principal(nodal) if self.principal_stress and nodal is not None else None,
+            "nodal_principal_stress": self._principal(nodal),
         }
+
+    def _principal(self, stress: Array | None) -> Array | None:
+        """Principal stresses, None where there is no stress or where they are not requested."""
+        if stress is None or not self.principal_stress:
+            return None
+        return principal(stress)
 
 
 def datatree(groups: Mapping[str, StoredGroup], scene_name: str) -> xr.DataTree:
@@ -164,12 +173,8 @@ def result_groups(
     ``streamed``: without what ``result_blocks`` gives.
     """
     groups: dict[str, StoredGroup] = {}
-    for name, interface in () if streamed else outcome.interfaces.items():
-        time, indicator = outcome.interface_time, outcome.interface_indicator.get(name)
-        # a sum over the instants that were kept alone would miss what is between
-        whole = surfaces and len(time) == len(outcome.time)
-        ways = _ways(interface, time) if whole else None
-        groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, ways)
+    if not streamed:
+        groups |= _interface_groups(outcome, surfaces)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
             groups[f"/substructures/{name}"] = substructure_group(substructure, recovered.get(name))
@@ -185,6 +190,18 @@ def result_groups(
     return groups
 
 
+def _interface_groups(outcome: Outcome, surfaces: bool) -> dict[str, StoredGroup]:
+    groups: dict[str, StoredGroup] = {}
+    for name, interface in outcome.interfaces.items():
+        time, indicator = outcome.interface_time, outcome.interface_indicator.get(name)
+        # a sum over the instants that were kept alone would miss what is between
+        ways = None
+        if surfaces and len(time) == len(outcome.time):
+            ways = _ways(interface, time)
+        groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, ways)
+    return groups
+
+
 def interface_group(
     history: InterfaceHistory,
     time: Array,
@@ -196,11 +213,13 @@ def interface_group(
     and, where they are known, the sums over time at the points (``_ways``)."""
     record = InterfaceRecord.of(history, time)
     summed = named(INTERFACE_MADE, {"impulse": history.impulse(time)})
-    made = {"pressure": history.pressure() if surfaces else None, "error_indicator": indicator}
+    fields: dict[str, object] = {"pressure": None, "error_indicator": indicator}
+    if surfaces:
+        fields["pressure"] = history.pressure()
     if ways is not None:
-        made |= {**ways, "slip": np.linalg.norm(ways["slip"], axis=2)}
+        fields |= {**ways, "slip": np.linalg.norm(ways["slip"], axis=2)}
     scalars = stored_scalars(OF_INTERFACE, record)
-    stored = [*columns(INTERFACE, history), *summed, *scalars, *named(INTERFACE_MADE, made)]
+    stored = [*columns(INTERFACE, history), *summed, *scalars, *named(INTERFACE_MADE, fields)]
     along = [*named(LABELS, {"time": time, "side": SIDES, "component": AXES}), *columns(POINTS, history)]
     attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
@@ -298,8 +317,14 @@ def _set_scalars(group: StoredGroup, record: InterfaceRecord) -> None:
         row = RUN_SCALARS[key]
         mean = isinstance(row, QuantityOfInterest) and row.mean
         # what needs the points is not known of all instants together
-        value = None if row.points else row.value(thinned if mean else record)
-        group.variables[key].values = np.array(np.nan if value is None else value)
+        value = None
+        if mean and not row.points:
+            value = row.value(thinned)
+        elif not row.points:
+            value = row.value(record)
+        if value is None:
+            value = np.nan
+        group.variables[key].values = np.array(value)
         if mean and every > 1:
             group.variables[key].attrs["instants"] = f"every {every}th one"
     group.variables[PEAK_FORCE.key].attrs["peak_duration"] = thinned.duration
@@ -364,38 +389,44 @@ def convergence_group(
 ) -> StoredGroup:
     """Group ``convergence``: curves padded with NaN to the longest window (at least one column); of the windows from
     number ``first`` to before ``last``."""
-    every, chosen = windows if isinstance(windows, WindowList) else WindowList(windows), windows[first:last]
-    given: dict[str, Any] = {"passes": float(passes)}
+    chosen = windows[first:last]
+    if isinstance(windows, WindowList):
+        every = windows
+    else:
+        every = WindowList(windows)
+    variables: dict[str, Any] = {"passes": float(passes)}
     if not chosen:
-        return StoredGroup.of(named(CONVERGENCE, given))
+        return StoredGroup.of(named(CONVERGENCE, variables))
     width = max(1, every.most_iterations())
     for name in ("error_indicator", "force_mismatch"):
-        given[name] = table = np.full((len(chosen), width), np.nan)
+        variables[name] = table = np.full((len(chosen), width), np.nan)
         for row, window in zip(table, chosen, strict=True):
             curve = getattr(window, name)
             row[: len(curve)] = curve
     kinds = dict.fromkeys(("iterations", "newton_steps", "first_instant", "last_instant"), np.int32)
-    truncated = {"defect": np.float64, "corrections": np.int32} if every.largest_defect() > 0.0 else {}
+    truncated = {}
+    if every.largest_defect() > 0.0:
+        truncated = {"defect": np.float64, "corrections": np.int32}
     for name, kind in ({"converged": np.int8} | kinds | truncated).items():
-        given[name] = np.array([getattr(window, name) for window in chosen], dtype=kind)
+        variables[name] = np.array([getattr(window, name) for window in chosen], dtype=kind)
     # an interrupted run has fewer instants than its last window names
-    given["end_time"] = time[np.minimum(given["last_instant"], len(time) - 1)]
+    variables["end_time"] = time[np.minimum(variables["last_instant"], len(time) - 1)]
     if every.with_fallbacks():
-        given["fallbacks"] = np.array(["; ".join(window.fallbacks) for window in chosen], dtype=object)
+        variables["fallbacks"] = np.array(["; ".join(window.fallbacks) for window in chosen], dtype=object)
     # counted from 1, as in messages
     counts = {"window": np.arange(first + 1, first + len(chosen) + 1), "iteration": np.arange(1, width + 1)}
-    return StoredGroup.of(named(CONVERGENCE, given), named(LABELS, counts))
+    return StoredGroup.of(named(CONVERGENCE, variables), named(LABELS, counts))
 
 
 def resultant_group(resultants: Mapping[str, Resultants]) -> StoredGroup:
     """Group ``resultants``: forces and moments (substructure, component)."""
     parts = {"load": "loads", "interface": "interfaces", "reaction": "reactions", "unbalanced": "unbalanced"}
-    given: dict[str, Array] = {}
+    vectors: dict[str, Array] = {}
     for name, part in parts.items():
         both = np.stack([getattr(r, part) for r in resultants.values()])
-        given |= {f"{name}_force": both[:, :3], f"{name}_moment": both[:, 3:]}
+        vectors |= {f"{name}_force": both[:, :3], f"{name}_moment": both[:, 3:]}
     along = {"substructure": list(resultants), "component": AXES}
-    return StoredGroup.of(named(RESULTANTS, given), named(LABELS, along))
+    return StoredGroup.of(named(RESULTANTS, vectors), named(LABELS, along))
 
 
 def _has_fields(history: SubstructureHistory) -> bool:

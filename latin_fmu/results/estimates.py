@@ -123,19 +123,19 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
         """The remarks, and quantities without an error with the reason."""
         bare = [q for q in self.quantities if not q.history <= MOST_OF_HISTORY]
         owners = dict.fromkeys(q.quantity.rpartition(".")[0] for q in bare)
-        made = []
+        sentences = []
         for owner in owners:
-            own = [q for q in bare if q.quantity.rpartition(".")[0] == owner]
-            size = max(q.history for q in own)
+            quantities = [q for q in bare if q.quantity.rpartition(".")[0] == owner]
+            size = max(q.history for q in quantities)
             if math.isfinite(size):
                 off = f"is {percent(size)}"
             else:
                 off = "is unknown"
-            made.append(
-                f"{', '.join(q.quantity for q in own)}: no error: the history of the force, on which it rests, has one "
-                f"that {off}, more than {percent(MOST_OF_HISTORY)}; refine steps and mesh"
+            sentences.append(
+                f"{', '.join(q.quantity for q in quantities)}: no error: the history of the force, on which it rests, "
+                f"has one that {off}, more than {percent(MOST_OF_HISTORY)}; refine steps and mesh"
             )
-        return (*self.remarks, *made)
+        return (*self.remarks, *sentences)
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON."""
@@ -159,11 +159,11 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
     def group(self, units: UnitSystem = SI) -> StoredGroup:
         """Group ``accuracy``: one entry a quantity."""
         names = np.array([q.quantity for q in self.quantities], dtype=np.str_)
-        own = np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_)
+        labels = np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_)
         # netCDF has no booleans
         bounds = np.array([q.bound_only for q in self.quantities], dtype=np.int8)
         stored = [(row, np.array([row.of(q) for q in self.quantities], dtype=float)) for row in _NUMBERS.values()]
-        texts = [(_TEXTS["quantity_unit"], own), *stored, (_TEXTS["bound_only"], bounds)]
+        texts = [(_TEXTS["quantity_unit"], labels), *stored, (_TEXTS["bound_only"], bounds)]
         attrs = {"remarks": "\n".join(self.notes), "cpu_seconds": self.cpu}
         return StoredGroup.of(texts, [(_TEXTS["quantity"], names)], attrs)
 

@@ -55,7 +55,10 @@ def sensors_as_csv(tree: xr.DataTree, names: Sequence[str], in_g: bool = False) 
     head, columns = ["time [s]"], [np.asarray(first["time"].values)]
     for name in names:
         for motion, values, unit in _motions(tree, name):
-            factor, label = acceleration_unit(units, in_g) if unit == "m s-2" else (1.0, units.label(unit))
+            if unit == "m s-2":
+                factor, label = acceleration_unit(units, in_g)
+            else:
+                factor, label = 1.0, units.label(unit)
             head += [f"{name} {motion} {axis} [{label}]" for axis in AXES]
             columns += list(factor * values.T)
     rows = [",".join(f"{value:.9g}" for value in row) for row in np.stack(columns, axis=1)]
@@ -98,8 +101,8 @@ def universal_file(tree: xr.DataTree, names: Sequence[str]) -> str:
             else:
                 label = "NONE"
             for axis, letter in enumerate(AXES):
-                own = f"{name} {motion} {letter}"
-                lines += _dataset_58(_Function(own, _TIME, node, axis + 1, data, label, time, size * values[:, axis]))
+                title = f"{name} {motion} {letter}"
+                lines += _dataset_58(_Function(title, _TIME, node, axis + 1, data, label, time, size * values[:, axis]))
         if name in spectra:
             lines += _spectrum(name, node, spectra[name][0], units)
     return "\n".join(lines) + "\n"
@@ -110,13 +113,13 @@ def _spectrum(name: str, node: int, spectrum: ShockSpectrum, units: UnitSystem) 
         for r, response in enumerate(RESPONSES):
             for axis, letter in enumerate(AXES):
                 values = units.size(unit) * getattr(spectrum, kind)[r, :, axis]
-                own = f"{name} {response} {kind} {letter} Q {spectrum.quality:g}"
+                title = f"{name} {response} {kind} {letter} Q {spectrum.quality:g}"
                 if units.measurable:
                     label = unit
                 else:
                     label = "NONE"
                 yield from _dataset_58(
-                    _Function(own, _SPECTRUM, node, axis + 1, data, label, spectrum.frequency, values)
+                    _Function(title, _SPECTRUM, node, axis + 1, data, label, spectrum.frequency, values)
                 )
 
 
@@ -125,7 +128,10 @@ def _units(units: UnitSystem) -> list[str]:
     relative."""
     # double precision in universal files has the D of Fortran
     factors = "".join(f"{x:25.17E}".replace("E", "D") for x in (1.0, 1.0, 1.0))
-    code, words = (1, "SI: Meter (newton)") if units.measurable else (9, "US: USER_DEFINED")
+    if units.measurable:
+        code, words = 1, "SI: Meter (newton)"
+    else:
+        code, words = 9, "US: USER_DEFINED"
     return [_BAR, f"{164:6d}", f"{code:10d}{words:20s}{2:10d}", factors, f"{273.15:25.17E}", _BAR]
 
 

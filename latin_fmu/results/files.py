@@ -54,9 +54,14 @@ def write_groups(groups: Mapping[str, StoredGroup], path: str | Path, blocks: Bl
         try:
             # the bytes of the name as the system has them: the library would encode it for the locale, ASCII for C
             with Dataset(os.fsencode(draft).decode("latin-1"), "w", format="NETCDF4", encoding="latin-1") as file:
-                parts = iter(() if blocks is None else blocks())
+                parts: Iterator[Mapping[str, StoredGroup]] = iter(())
+                if blocks is not None:
+                    parts = iter(blocks())
                 for where, group in with_labels({**groups, **next(parts, {})}):
-                    _write_group(file if where == "/" else file.createGroup(where), where, group, blocks is not None)
+                    place = file
+                    if where != "/":
+                        place = file.createGroup(where)
+                    _write_group(place, where, group, blocks is not None)
                 for part in parts:
                     for where, group in part.items():
                         _append(file[where], group)
@@ -83,7 +88,10 @@ def _write_group(place: Any, where: str, group: StoredGroup, grows: bool) -> Non
     """Dimensions, attributes and variables of one group; ``grows``: more of them follow."""
     place.setncatts(group.attrs)
     for name, size in group.sizes().items():
-        place.createDimension(name, None if name == "time" or (grows and name in _GROWING) else size)
+        if name == "time" or (grows and name in _GROWING):
+            place.createDimension(name, None)
+        else:
+            place.createDimension(name, size)
     for name, variable in group.variables.items():
         attrs = dict(variable.attrs)
         if name not in group.labels and (beside := _labels_of(group, variable)):
@@ -107,7 +115,10 @@ def _write_array(
     place: Any, where: str, name: str, variable: StoredVariable, attrs: Mapping[str, Any], grows: bool
 ) -> None:
     values = variable.values
-    kind: Any = str if values.dtype.kind == "O" else values.dtype
+    if values.dtype.kind == "O":
+        kind: Any = str
+    else:
+        kind = values.dtype
     storage: dict[str, Any] = {}
     if values.dtype.kind in "fiu":
         if values.dtype == np.float64 and where.startswith("/substructures/") and name in _SINGLE_PRECISION:
@@ -115,11 +126,13 @@ def _write_array(
         if values.dtype.kind == "f" and np.isnan(values).any():  # NaN: no value
             storage["fill_value"] = np.nan
         if values.size:
-            storage |= _storage(variable) | ({"chunk_cache": _CACHE} if grows else {})
-    made = place.createVariable(name, kind, variable.dims, **storage)
-    made.setncatts(attrs)
+            storage |= _storage(variable)
+            if grows:
+                storage["chunk_cache"] = _CACHE
+    stored = place.createVariable(name, kind, variable.dims, **storage)
+    stored.setncatts(attrs)
     if values.size:
-        made[...] = values
+        stored[...] = values
 
 
 def _write_text(place: Any, name: str, variable: StoredVariable, attrs: Mapping[str, Any]) -> None:
@@ -133,13 +146,13 @@ def _write_text(place: Any, name: str, variable: StoredVariable, attrs: Mapping[
     length = f"string{width}"
     if length not in place.dimensions:
         place.createDimension(length, width)
-    made = place.createVariable(name, "S1", (*variable.dims, length))
-    made.setncatts(attrs)
-    made.setncattr("_Encoding", "utf-8")
+    stored = place.createVariable(name, "S1", (*variable.dims, length))
+    stored.setncatts(attrs)
+    stored.setncattr("_Encoding", "utf-8")
     # else the library would join the bytes that it is given
-    made.set_auto_chartostring(False)
+    stored.set_auto_chartostring(False)
     if texts.size:
-        made[...] = texts.astype(f"S{width}").reshape(*texts.shape, 1).view("S1")
+        stored[...] = texts.astype(f"S{width}").reshape(*texts.shape, 1).view("S1")
 
 
 def _storage(variable: StoredVariable) -> dict[str, Any]:
@@ -234,10 +247,10 @@ def _with_strings(tree: xr.DataTree) -> xr.DataTree:
     for node in tree.subtree:
         content = node.to_dataset(inherit=False)
         texts = {name: v for name, v in content.variables.items() if v.dtype.kind in "OSU"}
-        made = {name: xr.Variable(v.dims, v.values.astype(object), v.attrs) for name, v in texts.items()}
-        if made:
-            labels = {name: v for name, v in made.items() if name in content.coords}
-            data = {name: v for name, v in made.items() if name not in labels}
+        strings = {name: xr.Variable(v.dims, v.values.astype(object), v.attrs) for name, v in texts.items()}
+        if strings:
+            labels = {name: v for name, v in strings.items() if name in content.coords}
+            data = {name: v for name, v in strings.items() if name not in labels}
             node.dataset = content.assign_coords(labels).assign(data)
     return tree
 
@@ -262,11 +275,11 @@ def _opened(source: Path) -> xr.DataTree:
         group = groups.setdefault("/" + path.replace(".", "/"), xr.Dataset())
         dims = [str(dim).rpartition(".")[2] for dim in variable.dims]
         # _data: ``data`` would read the values
-        own = xr.Variable(dims, variable._data, variable.attrs, variable.encoding)
+        lazy = xr.Variable(dims, variable._data, variable.attrs, variable.encoding)
         if name in labels:
-            group.coords[name] = own
+            group.coords[name] = lazy
         else:
-            group[name] = own
+            group[name] = lazy
     for full, value in content.attrs.items():
         path, _, name = str(full).rpartition(".")
         if path and name != "coordinates":

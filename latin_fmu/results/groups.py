@@ -44,9 +44,11 @@ class StoredGroup:
     def of(cls, columns: Columns, labels: Columns = (), attrs: dict[str, Any] | None = None) -> StoredGroup:
         """From rows with values: variables, and coordinates; texts are coordinates, so that two files can be
         subtracted."""
-        made = {row.name: StoredVariable(row.dims, np.asarray(v), row.attributes) for row, v in (*columns, *labels)}
-        texts = {name for name, variable in made.items() if variable.values.dtype.kind in "OU"}
-        return cls(made, frozenset({*texts, *(row.name for row, _ in labels)}), attrs or {})
+        variables = {
+            row.name: StoredVariable(row.dims, np.asarray(v), row.attributes) for row, v in (*columns, *labels)
+        }
+        texts = {name for name, variable in variables.items() if variable.values.dtype.kind in "OU"}
+        return cls(variables, frozenset({*texts, *(row.name for row, _ in labels)}), attrs or {})
 
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset) -> StoredGroup:
@@ -63,18 +65,20 @@ class StoredGroup:
         """The group as an xarray dataset."""
         import xarray as xr
 
-        made = {name: (v.dims, _written_as(v.values), v.attrs) for name, v in self.variables.items()}
-        data = {name: v for name, v in made.items() if name not in self.labels}
-        return xr.Dataset(data, {name: made[name] for name in made if name in self.labels}, self.attrs)
+        variables = {name: (v.dims, _written_as(v.values), v.attrs) for name, v in self.variables.items()}
+        data = {name: v for name, v in variables.items() if name not in self.labels}
+        return xr.Dataset(data, {name: variables[name] for name in variables if name in self.labels}, self.attrs)
 
     def report(self) -> dict[str, Any]:
         """Plain data for strict JSON: the attributes, and of each variable ``dims``, ``units`` where it has some, and
         ``values`` (None for a number that is not finite)."""
-        made: dict[str, Any] = {name: _plain(np.asarray(value)) for name, value in self.attrs.items()}
+        entries: dict[str, Any] = {name: _plain(np.asarray(value)) for name, value in self.attrs.items()}
         for name, variable in self.variables.items():
-            units = {"units": variable.attrs["units"]} if "units" in variable.attrs else {}
-            made[name] = {"dims": list(variable.dims), **units, "values": _plain(variable.values)}
-        return made
+            units = {}
+            if "units" in variable.attrs:
+                units = {"units": variable.attrs["units"]}
+            entries[name] = {"dims": list(variable.dims), **units, "values": _plain(variable.values)}
+        return entries
 
     def indexes(self) -> dict[str, StoredVariable]:
         """Coordinates that label their own dimension."""
@@ -123,8 +127,8 @@ def _by_depth(paths: Iterable[str]) -> list[str]:
     def depth(path: str) -> int:
         return len(PurePosixPath(path).parts)
 
-    given = sorted(paths, key=depth)
-    every = {str(p): None for path in given for p in (*reversed(PurePosixPath(path).parents), path)}
+    groups = sorted(paths, key=depth)
+    every = {str(p): None for path in groups for p in (*reversed(PurePosixPath(path).parents), path)}
     return sorted(every, key=depth)
 
 
@@ -167,11 +171,13 @@ def key_of(parameter: xr.DataArray) -> str:
     return str(parameter.attrs.get(SCENE_KEY, parameter.name))
 
 
-def root_attributes(title: str, scene_name: str, scene: str, made: Mapping[str, str] | None = None) -> dict[str, Any]:
+def root_attributes(title: str, scene_name: str, scene: str, origin: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Attributes of the root of a file: versions and time of creation, conventions, what it holds, and the scene;
-    ``made`` : the first two, now where None."""
+    ``origin`` : the first two, now where None."""
+    if origin is None:
+        origin = provenance()
     return {
-        **(provenance() if made is None else made),
+        **origin,
         "Conventions": CONVENTIONS,
         "schema_version": SCHEMA_VERSION,
         "title": f"{scene_name}: {title}",
@@ -201,7 +207,9 @@ def label_in(attributes: dict[Any, Any], units: UnitSystem) -> None:
 
 def unit_attributes(units: UnitSystem) -> dict[str, str]:
     """Attributes of the root of a file that name the system of its units, and how accelerations are shown."""
-    return {UNITS: units.name} | ({SHOWN_ACCELERATION: "g"} if units.in_g else {})
+    if units.in_g:
+        return {UNITS: units.name, SHOWN_ACCELERATION: "g"}
+    return {UNITS: units.name}
 
 
 def units_of(attributes: Mapping[Any, Any]) -> UnitSystem:
@@ -212,14 +220,22 @@ def units_of(attributes: Mapping[Any, Any]) -> UnitSystem:
 def unit_of(variable: xr.DataArray, si: str) -> str:
     """Unit (UDUNITS) of stored values for ``readable``, marked where they are shown in g; ``si``: that of files without
     one."""
-    return str(variable.attrs.get("units", si)) + (AS_G if variable.attrs.get(SHOWN) == "g" else "")
+    unit = str(variable.attrs.get("units", si))
+    if variable.attrs.get(SHOWN) == "g":
+        return unit + AS_G
+    return unit
+
+
+def children_of(tree: xr.DataTree, kind: str) -> Mapping[str, xr.DataTree]:
+    """Groups by name below ``kind`` (interfaces, sensors, ...), none where there is no such group."""
+    if kind in tree.children:
+        return tree.children[kind].children
+    return {}
 
 
 def datasets_of(tree: xr.DataTree, kind: str) -> dict[str, xr.Dataset]:
-    """Datasets by name of the groups below ``kind`` (interfaces, sensors, ...), none where there is no such group."""
-    if kind in tree.children:
-        return {name: node.to_dataset() for name, node in tree[kind].children.items()}
-    return {}
+    """Datasets of those groups, by name."""
+    return {name: node.to_dataset() for name, node in children_of(tree, kind).items()}
 
 
 # -- volume meshes by UGRID ------------------------------------------------------------

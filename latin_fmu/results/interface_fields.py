@@ -64,7 +64,9 @@ class Force:
     def root_mean_square(self) -> float:
         """``norm`` over the root of the time that the history covers, N."""
         span = float(self.time[-1] - self.time[0])
-        return self.norm() / span**0.5 if span > 0.0 else self.raw_peak()
+        if span > 0.0:
+            return float(self.norm() / span**0.5)
+        return self.raw_peak()
 
     def distance(self, other: Force) -> float:
         """L2 distance to another history over the time both cover."""
@@ -156,9 +158,9 @@ class Force:
         starts = starts[(starts >= self.time[0]) & (starts <= last)]
         if not starts.size:
             return abs(self.largest_mean(duration) - other.largest_mean(duration))
-        own, its = (f.running_mean(duration, starts) for f in (self, other))
-        near = np.abs(own) >= NEAR_PEAK * np.abs(own).max()
-        return float(np.abs(own - its)[near].max())
+        mean, other_mean = (f.running_mean(duration, starts) for f in (self, other))
+        near = np.abs(mean) >= NEAR_PEAK * np.abs(mean).max()
+        return float(np.abs(mean - other_mean)[near].max())
 
     def separation(self, duration: float) -> float:
         """Last instant t at which the mean of the magnitude over [t, t + duration] (s) is at least ``SEPARATION_SHARE``
@@ -228,11 +230,11 @@ class Force:
 
         return float((crossing(after - 1, after) - crossing(begin, begin - 1)).max())
 
-    def peak_duration(self, given: float | None) -> float:
-        """Duration of the mean that is the peak force, s: as given, else a tenth of the longest contact."""
-        if given is None:
+    def peak_duration(self, requested: float | None) -> float:
+        """Duration of the mean that is the peak force, s: as requested, else a tenth of the longest contact."""
+        if requested is None:
             return PEAK_SHARE * self.longest_contact()
-        return given
+        return requested
 
 
 @dataclass(frozen=True)
@@ -267,11 +269,17 @@ class InterfaceFields:
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset, motion: bool = False) -> InterfaceFields:
         """Fields of a stored group ``interfaces/<name>``; gap and velocity, which are large, where ``motion``."""
-        status = dataset["contact_status"].values if "contact_status" in dataset else None
+        status = None
+        if "contact_status" in dataset:
+            status = dataset["contact_status"].values
         columns = (dataset[name].values for name in ("time", "area", "normal", "traction"))
         time, areas, normals, traction = (np.asarray(values, dtype=float) for values in columns)
-        duration = dataset["peak_force"].attrs["peak_duration"] if "peak_force" in dataset else None
-        wanted = ("gap", "velocity") if motion else ()
+        duration = None
+        if "peak_force" in dataset:
+            duration = dataset["peak_force"].attrs["peak_duration"]
+        wanted: tuple[str, ...] = ()
+        if motion:
+            wanted = ("gap", "velocity")
         moved = (dataset[name].values if name in dataset else None for name in wanted)
         return cls(time, areas, normals, traction, status, duration, *moved)
 

@@ -73,10 +73,10 @@ class Signal:
         difference of both peaks that is not small by chance."""
         grid = np.union1d(self.along, other.along)
         grid = grid[grid <= min(self.along[-1], other.along[-1])]
-        own = self.at(grid)
-        size = np.linalg.norm(own, axis=1)
+        values = self.at(grid)
+        size = np.linalg.norm(values, axis=1)
         near = size >= NEAR_PEAK * size.max(initial=0.0)
-        return float(np.linalg.norm((own - other.at(grid))[near], axis=1).max(initial=0.0))
+        return float(np.linalg.norm((values - other.at(grid))[near], axis=1).max(initial=0.0))
 
     def largest_ratio(self, other: Signal) -> float:
         """Largest difference of a component over the largest component here, over the points that both have; NaN where
@@ -243,14 +243,14 @@ class Band:
     Attributes
     ----------
     chosen : low pass. highest : frequency that the mesh resolves, Hz. frequencies : of the spectrum, Hz, empty where
-        none is requested. quality : of its oscillators. known : the spectrum where it exists already.
+        none is requested. quality : of its oscillators. spectrum : the spectrum where it exists already.
     """
 
     chosen: Filter
     highest: float
     frequencies: tuple[float, ...] = ()
     quality: float = 10.0
-    known: ShockSpectrum | None = None
+    spectrum: ShockSpectrum | None = None
 
 
 @dataclass(frozen=True)
@@ -306,10 +306,10 @@ class SensorRecord:
         if band is None or samples is None or not (step := uniform_step(self.time)):
             return self.requested
         frequencies = np.array([f for f in band.frequencies if f <= highest_frequency(step)])
-        if not frequencies.size or band.known is not None:
-            if frequencies.size:
-                return band.known
+        if not frequencies.size:
             return None
+        if band.spectrum is not None:
+            return band.spectrum
         return shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=LINES)
 
     @property

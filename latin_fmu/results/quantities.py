@@ -90,13 +90,15 @@ def rows(text: str, of: Mapping[str, Callable[[Any], Any]] | None = None) -> Row
 
     of : functions from the object of a group to values that are not its attribute of this name.
     """
-    made = {}
+    table = {}
     for line in cells_of(text):
         name, unit, dims, meaning, comment, words, *_ = [*line, "", ""]
         source = (of or {}).get(name, attrgetter(name))
-        known = None if unit == "-" else unit
-        made[name] = StoredQuantity(name, known, tuple(dims.split()), meaning, comment or None, source, words)
-    return made
+        symbol: str | None = unit
+        if unit == "-":
+            symbol = None
+        table[name] = StoredQuantity(name, symbol, tuple(dims.split()), meaning, comment or None, source, words)
+    return table
 
 
 def columns(table: Rows, source: Any) -> list[tuple[StoredQuantity, Any]]:
@@ -104,9 +106,9 @@ def columns(table: Rows, source: Any) -> list[tuple[StoredQuantity, Any]]:
     return [(row, values) for row in table.values() if (values := row.of(source)) is not None]
 
 
-def named(table: Rows, given: Mapping[str, Any]) -> list[tuple[StoredQuantity, Any]]:
+def named(table: Rows, arrays: Mapping[str, Any]) -> list[tuple[StoredQuantity, Any]]:
     """Rows with values by name, those that are not None."""
-    return [(table[name], values) for name, values in given.items() if values is not None]
+    return [(table[name], values) for name, values in arrays.items() if values is not None]
 
 
 def fields_over_time(table: Rows, history: type) -> tuple[str, ...]:

@@ -196,7 +196,9 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                 replace(q, changes=np.where(taken, slopes, q.changes), flagged=np.asarray(q.flagged & ~taken))
             )
         tried = tuple(d.name for d, run in zip(self.derivatives, runs, strict=True) if run is not None)
-        return replace(self, quantities=quantities, secants=secants if tried else {}, tried=tried)
+        if not tried:
+            secants = {}
+        return replace(self, quantities=quantities, secants=secants, tried=tried)
 
     def is_secant(self, q: QuantitySensitivity) -> NDArray[np.bool_]:
         """Whether each change of a quantity is that of a run with a larger parameter."""
@@ -206,7 +208,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
         """Groups of the results file by path."""
         names = np.array([d.name for d in self.derivatives], dtype=np.str_)
         label = named(_ROWS, {"parameter": names})
-        made: dict[str, object] = {
+        scalars: dict[str, object] = {
             "parameter_scale": np.array([d.scale for d in self.derivatives]),
             "quantity_unit": np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_),
             "value": np.array([q.value for q in self.quantities]),
@@ -216,32 +218,32 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
         }
         quantities = np.array([q.quantity for q in self.quantities], dtype=np.str_)
         groups = {
-            "/sensitivities": StoredGroup.of(named(_ROWS, made), [*label, *named(_ROWS, {"quantity": quantities})])
+            "/sensitivities": StoredGroup.of(named(_ROWS, scalars), [*label, *named(_ROWS, {"quantity": quantities})])
         }
         along = [*label, *named(LABELS, {"time": self.time, "component": AXES})]
 
         def stacked(values: Sequence[Array | None]) -> Array | None:
-            known = [v for v in values if v is not None]
-            if len(known) == len(names):
-                return np.stack(known)
+            stored = [v for v in values if v is not None]
+            if len(stored) == len(names):
+                return np.stack(stored)
             return None
 
         for name, share in self.changing.items():
-            own = [d.interfaces[name] for d in self.derivatives]
-            given = {
-                "force": stacked([h.force() for h in own]),
-                "impulse": stacked([h.impulse(self.time) for h in own]),
+            histories = [d.interfaces[name] for d in self.derivatives]
+            fields = {
+                "force": stacked([h.force() for h in histories]),
+                "impulse": stacked([h.impulse(self.time) for h in histories]),
                 "changing": share,
             }
-            groups[f"/sensitivities/interfaces/{name}"] = StoredGroup.of(named(_ROWS, given), along)
+            groups[f"/sensitivities/interfaces/{name}"] = StoredGroup.of(named(_ROWS, fields), along)
         for name in self.derivatives[0].sensors:
             motions = ("displacement", "velocity", "acceleration")
-            given = {key: stacked([getattr(d.sensors[name], key) for d in self.derivatives]) for key in motions}
-            groups[f"/sensitivities/sensors/{name}"] = StoredGroup.of(named(_ROWS, given), along)
+            fields = {key: stacked([getattr(d.sensors[name], key) for d in self.derivatives]) for key in motions}
+            groups[f"/sensitivities/sensors/{name}"] = StoredGroup.of(named(_ROWS, fields), along)
         for name, s in self.spectra.items():
-            given = {"acceleration": s.acceleration, "pseudo_velocity": s.pseudo_velocity}
+            fields = {"acceleration": s.acceleration, "pseudo_velocity": s.pseudo_velocity}
             places = named(LABELS, {"response": list(RESPONSES), "frequency": s.frequency, "component": AXES})
-            group = StoredGroup.of(named(_SPECTRUM_ROWS, given), [*label, *places])
+            group = StoredGroup.of(named(_SPECTRUM_ROWS, fields), [*label, *places])
             groups[f"/sensitivities/sensors/{name}/spectrum"] = group
         for name in self.derivatives[0].bolts:
             tension = stacked([d.bolts[name].force for d in self.derivatives])
@@ -251,7 +253,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """The three largest changes of each quantity for parameters larger by PART, one line a quantity."""
-        made = []
+        lines = []
         for q in self.quantities:
             clauses = []
             for i in np.argsort(-np.abs(q.changes), kind="stable")[:_SAID]:
@@ -270,15 +272,15 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                     doubt = f" (by a run with {100 * CHECKED:g} % more)"
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for {100 * PART:g} % more of any parameter"
-            made.append((quantity_in_words(q.quantity), text))
+            lines.append((quantity_in_words(q.quantity), text))
         if self.tried:
             checked = f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}"
         else:
             checked = "no"
         if len(self.tried) < len(self.derivatives):
             checked += '; output.check_sensitivities = "all" checks every parameter that has a value 5 % larger'
-        made.append(("checked", checked))
-        return named_lines(made)
+        lines.append(("checked", checked))
+        return named_lines(lines)
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON: per quantity its value, unit, and by parameter the change and whether it is
@@ -351,13 +353,17 @@ def _changing(history: InterfaceHistory, change: InterfaceHistory, friction: flo
         turns |= (status == STICK) & leaves(margin, slope)
         turns |= (status == SLIP) & leaves(speed, d_speed)
     ever = float(history.areas[closed.any(axis=0)].sum())
-    return np.asarray((turns @ history.areas) / ever if ever > 0.0 else np.zeros(len(turns)))
+    if ever > 0.0:
+        return np.asarray((turns @ history.areas) / ever)
+    return np.zeros(len(turns))
 
 
 # -- scalar quantities ------------------------------------------------------------------------------------------------
 def _moved(history: InterfaceHistory, change: InterfaceHistory, by: float) -> InterfaceHistory:
     """A history moved along its derivative."""
-    gap = None if history.gap is None or change.gap is None else history.gap + by * change.gap
+    gap = None
+    if history.gap is not None and change.gap is not None:
+        gap = history.gap + by * change.gap
     traction, velocity = history.traction + by * change.traction, history.velocity + by * change.velocity
     return replace(history, traction=traction, velocity=velocity, gap=gap)
 
@@ -441,9 +447,9 @@ class _Owner:
         for row in (row for row in rows_of(kind) if row.serves("derivatives", self.record)):
             value, quantity = row.value(self.record), f"{self.name}.{row.key}"
             if isinstance(row.value, EntryOf):
-                own = np.array([row.value.change(self.record, d) for d in self.derivatives])
-                sharp = np.zeros(len(own), dtype=bool)
-                yield row, QuantitySensitivity(quantity, row.unit, row.value(self.record), own, sharp)
+                derivatives = np.array([row.value.change(self.record, d) for d in self.derivatives])
+                sharp = np.zeros(len(derivatives), dtype=bool)
+                yield row, QuantitySensitivity(quantity, row.unit, row.value(self.record), derivatives, sharp)
                 continue
             moved = np.array([[end.get(row.key, np.nan) for end in along] for along in self.ends])
             if value is None or np.isnan(moved[:, :2]).any():
@@ -494,12 +500,12 @@ def _other_owners(
     """Sensors and bolts with the kind of owner that they are."""
     time = outcome.time
     for name, sensor in outcome.sensors.items():
-        own, changed = spectra.get(name, (None, None))
+        spectrum, changed = spectra.get(name, (None, None))
         slopes = [None if changed is None else _of_parameter(changed, i) for i in range(len(derivatives))]
         changes = [d.sensors[name] for d in derivatives]
         ends = [[_values(SENSOR, SensorRecord.of(_sensor_moved(sensor, d, by), time)) for by in _ENDS] for d in changes]
         rates = [SensorRecord.of(d, time, spectrum=slope) for d, slope in zip(changes, slopes, strict=True)]
-        yield SENSOR, _Owner(name, SensorRecord.of(sensor, time, spectrum=own), rates, ends)
+        yield SENSOR, _Owner(name, SensorRecord.of(sensor, time, spectrum=spectrum), rates, ends)
     for name, bolt in outcome.bolts.items():
         tensions = [d.bolts[name] for d in derivatives]
         moved = [[replace(bolt, force=bolt.force + by * d.force) for by in _ENDS] for d in tensions]
@@ -512,18 +518,18 @@ def _of_parameter(changes: ShockSpectrum, i: int) -> ShockSpectrum:
     return replace(changes, acceleration=changes.acceleration[i], pseudo_velocity=changes.pseudo_velocity[i])
 
 
-def _energies(outcome: Outcome, known: Sequence[QuantitySensitivity]) -> list[QuantitySensitivity]:
+def _energies(outcome: Outcome, quantities: Sequence[QuantitySensitivity]) -> list[QuantitySensitivity]:
     """Energies that are sums over the interfaces, where the run has energies."""
-    made = []
+    sums = []
     for row in rows_of(ENERGY):
-        parts = [q for q in known if q.quantity.rpartition(".")[2] == row.total]
+        parts = [q for q in quantities if q.quantity.rpartition(".")[2] == row.total]
         if outcome.energy is None or not parts:
             continue
         changes, flagged = np.sum([q.changes for q in parts], axis=0), np.any([q.flagged for q in parts], axis=0)
         value = row.value(outcome)
         assert value is not None
-        made.append(QuantitySensitivity(f"{ENERGY}.{row.key}", row.unit, value, changes, flagged))
-    return made
+        sums.append(QuantitySensitivity(f"{ENERGY}.{row.key}", row.unit, value, changes, flagged))
+    return sums
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:

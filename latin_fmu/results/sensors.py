@@ -68,12 +68,21 @@ def spectra_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, Sh
     """Shock response spectra of the sensors that request one and have an acceleration, by name."""
     spectra = {}
     for name, history in outcome.sensors.items():
-        request = requests[name].spectrum if name in requests else None
+        request = None
+        if name in requests:
+            request = requests[name].spectrum
         if request is not None and uniform_step(outcome.time):
             spectrum = sensor_spectrum(history, outcome.time, request)
             if spectrum is not None:
                 spectra[name] = spectrum
     return spectra
+
+
+def filter_of(requests: Mapping[str, Sensor], name: str) -> ChannelClass | LowPass | None:
+    """The filter that a sensor has in the scene; None where it has none, or no table there."""
+    if name in requests:
+        return requests[name].filter
+    return None
 
 
 def sensor_groups(
@@ -82,8 +91,7 @@ def sensor_groups(
     """Groups of all sensors of a run by path; ``requests``: their tables in the scene; ``errors`` of their spectra."""
     groups = {}
     for name, history in outcome.sensors.items():
-        chosen = requests[name].filter if name in requests else None
-        group = groups[f"/sensors/{name}"] = sensor_group(history, outcome.time, chosen)
+        group = groups[f"/sensors/{name}"] = sensor_group(history, outcome.time, filter_of(requests, name))
         scalars = stored_scalars(OF_SENSOR, SensorRecord.of(history, outcome.time))
         group.variables.update(StoredGroup.of(scalars).variables)
     for name, spectrum in spectra_of(outcome, requests).items():
@@ -279,7 +287,10 @@ def _turns(values: Array, least: float) -> list[int]:
     high = 0
     sense = 0
     for i, value in enumerate(values):
-        low, high = i if value < values[low] else low, i if value > values[high] else high
+        if value < values[low]:
+            low = i
+        if value > values[high]:
+            high = i
         if sense >= 0 and values[high] - value >= least:
             if values[high] - values[0] >= least or turns:
                 turns += [high]
@@ -307,7 +318,9 @@ def loss_text(tension: Array, end: float) -> str:
         return "never tight"
     if abs(lost) < FLOOR:
         return "nothing lost"
-    return f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
+    if lost > 0.0:
+        return f"{percent(lost)} lost"
+    return f"{percent(-lost)} gained"
 
 
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:

@@ -40,7 +40,7 @@ from .interface_fields import (
     sticks,
 )
 from .owner_records import InterfaceRecord
-from .sensors import TensionEnd, bolt_ends, filtered_motions, largest_of, loss_text
+from .sensors import TensionEnd, bolt_ends, filter_of, filtered_motions, largest_of, loss_text
 from .spectra import ShockSpectrum
 
 _OPEN, _SLIP = 0, 2
@@ -63,16 +63,22 @@ def sentences(
     there is one, so that one instant has one value everywhere. requests : tables of the sensors in the scene, whose
     filters the largest motions are behind.
     """
-    errors = {} if estimate is None else estimate.by_quantity
+    errors = {}
+    if estimate is not None:
+        errors = estimate.by_quantity
     time = outcome.interface_time
     lines = [(name, _interface(h, time, units, errors)) for name, h in outcome.interfaces.items()]
     ends = bolt_ends(outcome)
     lines += [(f"bolt {name}", _bolt(h, ends[name], units, errors)) for name, h in outcome.bolts.items()]
     for name, history in outcome.sensors.items():
         spectrum = (spectra or {}).get(name)
-        known = None if estimate is None else estimate.spectra.get(name)
-        more = [] if spectrum is None else [_spectrum(spectrum, known, units)]
-        chosen = None if requests is None or name not in requests else requests[name].filter
+        error = None
+        if estimate is not None:
+            error = estimate.spectra.get(name)
+        more = []
+        if spectrum is not None:
+            more = [_spectrum(spectrum, error, units)]
+        chosen = filter_of(requests or {}, name)
         lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors, chosen) + more))
     static = any(h.quasi_static for h in outcome.interfaces.values())
     static |= any(h.acceleration is None for h in outcome.sensors.values())
@@ -90,8 +96,8 @@ def wrapped(name: str, text: str) -> list[str]:
     """Lines of a text behind a name, none of them longer than ``WIDTH``."""
     head = f"  {name}  "
     # a number stays with its unit, an error with its sign: textwrap does not break at this space
-    held = re.sub(r"(?<=\d) | (?=\+-)|(?<=\+-) ", "\N{NO-BREAK SPACE}", text)
-    lines = textwrap.wrap(held, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
+    joined = re.sub(r"(?<=\d) | (?=\+-)|(?<=\+-) ", "\N{NO-BREAK SPACE}", text)
+    lines = textwrap.wrap(joined, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
@@ -120,7 +126,9 @@ def _error_of(error: float, bound_only: bool = False) -> str:
 def _instant(errors: Errors, owner: str, definition: QuantityOfInterest, value: float | None) -> str:
     """An instant, of the estimate where there is one, with its error."""
     found = errors.get(f"{owner}.{definition.key}")
-    return readable(value if found is None else found.value, "s", 3) + _error(errors, owner, definition)
+    if found is not None:
+        value = found.value
+    return readable(value, "s", 3) + _error(errors, owner, definition)
 
 
 def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors: Errors) -> list[str]:
@@ -135,7 +143,9 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
         return [f"carries up to {_up_to(history.force(), time, units, history.quasi_static)}"]
     if first is None:
         apart = f"never touches, smallest gap {readable(_nearest(history), units.label('m'), 3)}"
-        return ["carries no force" if joined else apart]
+        if joined:
+            return ["carries no force"]
+        return [apart]
     clauses = list(_peak(history, force, units, errors))
     clauses.append(_contact(history, time, first, SEPARATION.value(record), errors, joined))
     clauses += [*_slipping(history, fields, time, units), *_opening(history)]
@@ -165,7 +175,9 @@ def _peak(history: InterfaceHistory, force: Force, units: UnitSystem, errors: Er
     text = f"peak {readable(peak, normal)}{_error(errors, name, PEAK_FORCE)}"
     # the middle of the interval of the largest mean
     text += f" at {readable(begin + 0.5 * duration, 's', 3)}"
-    yield f"{text} (mean of {readable(duration, 's', 3)})" if duration > 0.0 else text
+    if duration > 0.0:
+        text += f" (mean of {readable(duration, 's', 3)})"
+    yield text
     yield from _raw_peak(name, peak, force.raw_peak(), units, errors)
 
 
@@ -240,8 +252,10 @@ def _slipping(history: InterfaceHistory, fields: InterfaceFields, time: Array, u
     used = friction_used(history, fields)
     if used < 0.01:  # the friction forces of the points cancel
         yield text
+    elif used > AS_A_WHOLE:
+        yield f"{text}, as a whole"
     else:
-        yield text + (", as a whole" if used > AS_A_WHOLE else f", at {100 * used:.0f} % of the friction limit")
+        yield f"{text}, at {100 * used:.0f} % of the friction limit"
 
 
 def _opening(history: InterfaceHistory) -> Iterator[str]:

@@ -138,7 +138,9 @@ class Solution:
         return datatree(self._groups(), self.scene_name)
 
     def _groups(self, streamed: bool = False) -> dict[str, StoredGroup]:
-        errors = None if self.estimate is None else self.estimate.spectra
+        errors = None
+        if self.estimate is not None:
+            errors = self.estimate.spectra
         groups = {"/": root_group(self.outcome, self.scene_name, self.scene_text, self.provenance)}
         groups |= result_groups(self.outcome, self.recovered, self.sensor_tables, errors, self.surfaces, streamed)
         if self.estimate is not None and self.estimate.quantities:
@@ -161,7 +163,9 @@ class Solution:
         ResultsError : the file cannot be written.
         """
         start = clock.process_time()
-        blocks = None if self.outcome.stream is None else self._blocks
+        blocks = None
+        if self.outcome.stream is not None:
+            blocks = self._blocks
         write_groups(self._groups(blocks is not None), path, blocks)
         self.timings.output += clock.process_time() - start
 
@@ -193,7 +197,9 @@ class Solution:
         text = f"  cost  {self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
             text += f", error estimate by coarser runs {self.estimate.cpu:.2g} s"
-        remarks = [] if self.estimate is None else [*self.estimate.remarks]
+        remarks = []
+        if self.estimate is not None:
+            remarks = [*self.estimate.remarks]
         if self.truncation is not None:
             marched = self.outcome.settings["propagator"]
             remarks.append(
@@ -211,8 +217,12 @@ class Solution:
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of
         ``sensors``, ``reactions`` and ``bolts`` in ``results.sensors``; ``units``: system of units of the scene."""
-        estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report(self.units)}
-        sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
+        estimate = {}
+        if self.estimate is not None:
+            estimate = {"error_estimate": self.estimate.report(self.units)}
+        sensors = {}
+        if self.sensors:
+            sensors = {"sensors": sensor_report(self.outcome)}
         if self.reactions:
             sensors |= {"reactions": reaction_report(self.outcome)}
         if self.bolts:

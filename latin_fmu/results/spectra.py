@@ -38,7 +38,7 @@ from ..latin.outcome import Array, SensorHistory
 from ..scene.readable_numbers import readable
 from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
-from .groups import StoredGroup
+from .groups import StoredGroup, children_of
 from .quantities import AXES, LABELS, SPECTRUM, named
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _spectra(columns: Array, step: float, f: Array, damping: float) -> Array:
 def _band_spectra(columns: Array, step: float, f: Array, damping: float) -> Array:
     """``_spectra`` of records that are interpolated in their band, by oscillators that need as many samples."""
     needed = np.searchsorted(_FINER, _OF_BAND * f * step)
-    made = np.empty((2, 3, len(f), columns.shape[1]))
+    largest = np.empty((2, 3, len(f), columns.shape[1]))
     for i, factor in enumerate(_FINER):
         finer = factor
         chosen = np.flatnonzero(np.minimum(needed, len(_FINER) - 1) == i)
@@ -174,8 +174,8 @@ def _band_spectra(columns: Array, step: float, f: Array, damping: float) -> Arra
         while finer > _LEAST_FINER and columns.size * finer > _MOST:
             finer //= 2
         if chosen.size:
-            made[:, :, chosen] = _spectra(_in_band(columns, finer), step / finer, f[chosen], damping)
-    return made
+            largest[:, :, chosen] = _spectra(_in_band(columns, finer), step / finer, f[chosen], damping)
+    return largest
 
 
 def _in_band(columns: Array, finer: int) -> Array:
@@ -286,11 +286,11 @@ def _decaying_sums(columns: Array, x: Array) -> Array:
     padded = np.concatenate([np.zeros((blocks * size - len(columns), columns.shape[1])), columns])
     inside = np.exp(x[:, None] * np.arange(size - 1, -1, -1))
     along = np.exp(x[:, None] * (size * np.arange(blocks - 1, -1, -1)))
-    made = np.empty((len(x), columns.shape[1]), dtype=complex)
+    sums = np.empty((len(x), columns.shape[1]), dtype=complex)
     for i, column in enumerate(padded.T):
         table = column.reshape(blocks, size)
-        made[:, i] = ((inside @ table.T) * along).sum(axis=1)
-    return made
+        sums[:, i] = ((inside @ table.T) * along).sum(axis=1)
+    return sums
 
 
 def _phi(x: Array, order: int) -> Array:
@@ -326,14 +326,14 @@ def spectrum_changes(spectrum: ShockSpectrum, history: SensorHistory, time: Arra
     The response is linear in the acceleration, and its largest magnitude changes as at the instant of that: the central
     difference is exact where both its ends are largest there.
     """
-    own = np.asarray(history.acceleration)
+    acceleration = np.asarray(history.acceleration)
     sizes = np.abs(changes).max(axis=(1, 2))
     # of a sensor at rest anything is larger
-    steps = _STEP * (float(np.abs(own).max()) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
+    steps = _STEP * (float(np.abs(acceleration).max()) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
     moved = steps[:, None, None] * changes
-    ends = np.moveaxis(np.stack([own + moved, own - moved]), 2, 0)  # time, end, change, component
-    flat = ends.reshape(len(own), -1)
-    made = shock_response_spectrum(
+    ends = np.moveaxis(np.stack([acceleration + moved, acceleration - moved]), 2, 0)  # time, end, change, component
+    flat = ends.reshape(len(acceleration), -1)
+    shifted = shock_response_spectrum(
         flat, float(time[-1] - time[0]) / (len(time) - 1), spectrum.frequency, spectrum.quality, interpolation=LINES
     )
 
@@ -341,12 +341,12 @@ def spectrum_changes(spectrum: ShockSpectrum, history: SensorHistory, time: Arra
         more, less = np.moveaxis(values.reshape(*values.shape[:2], 2, len(changes), 3), (2, 3), (0, 1))
         return np.asarray((more - less) / (2.0 * steps[:, None, None, None]))
 
-    return replace(spectrum, acceleration=slopes(made.acceleration), pseudo_velocity=slopes(made.pseudo_velocity))
+    return replace(spectrum, acceleration=slopes(shifted.acceleration), pseudo_velocity=slopes(shifted.pseudo_velocity))
 
 
 def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> StoredGroup:
     """Group ``sensors/<name>/spectrum``; ``error`` (3, n, 3): estimated relative error (``spectrum_error``)."""
-    given = {
+    fields = {
         "acceleration": spectrum.acceleration,
         "pseudo_velocity": spectrum.pseudo_velocity,
         "relative_error": error,
@@ -358,7 +358,7 @@ def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> Store
         "interpolation": spectrum.interpolation,
         "references": "Smallwood (1981), ISO 18431-4:2007: ramp-invariant filter",
     }
-    return StoredGroup.of(named(SPECTRUM, given), named(LABELS, along), attrs)
+    return StoredGroup.of(named(SPECTRUM, fields), named(LABELS, along), attrs)
 
 
 # -- of a record -------------------------------------------------------------------------------------------------
@@ -406,7 +406,9 @@ def record_lines(spectrum: ShockSpectrum, of: str, units: UnitSystem = SI) -> li
 def stored_spectrum(node: Any) -> tuple[ShockSpectrum, Array | None]:
     """A spectrum of a results file (``sensors/<name>/spectrum``) and its estimated error."""
     values = [node[name].values for name in ("acceleration", "pseudo_velocity")]
-    error = node["relative_error"].values if "relative_error" in node else None
+    error = None
+    if "relative_error" in node:
+        error = node["relative_error"].values
     way = str(node.attrs.get("interpolation", LINES))
     quality = float(node.attrs["quality"])
     return ShockSpectrum(node["frequency"].values, quality, values[0], values[1], interpolation=way), error
@@ -414,8 +416,8 @@ def stored_spectrum(node: Any) -> tuple[ShockSpectrum, Array | None]:
 
 def stored_spectra(tree: xr.DataTree) -> dict[str, tuple[ShockSpectrum, Array | None]]:
     """Spectra of the sensors of a file with their estimated errors, by sensor."""
-    sensors = tree["sensors"].children if "sensors" in tree.children else {}
-    return {name: stored_spectrum(node["spectrum"]) for name, node in sensors.items() if "spectrum" in node.children}
+    sensors = children_of(tree, "sensors").items()
+    return {name: stored_spectrum(node["spectrum"]) for name, node in sensors if "spectrum" in node.children}
 
 
 def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> Array:

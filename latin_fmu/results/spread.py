@@ -26,7 +26,7 @@ from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup, StoredVariable, finite
 from .quantities import AXES, BOLT, INTERFACE, LABELS, ByQuantity, named, rows
 from .sensitivities import DOUBT, Sensitivities, in_words
-from .sensors import sensor_group
+from .sensors import filter_of, sensor_group
 from .sentences import named_lines
 from .spectra import ShockSpectrum, spectrum_group
 
@@ -161,28 +161,28 @@ class Bands(ByQuantity[QuantityBand]):
     @staticmethod
     def of(
         outcome: Outcome,
-        known: Sensitivities,
+        sensitivities: Sensitivities,
         distributions: Mapping[str, Distribution],
         requests: Mapping[str, Sensor],
         spectra: Mapping[str, ShockSpectrum],
     ) -> Bands:
         """Bands of a run from its derivatives; ``requests``, ``spectra`` : tables and spectra of its sensors."""
-        names = [d.name for d in known.derivatives]
+        names = [d.name for d in sensitivities.derivatives]
         places = [names.index(name) for name in distributions]
-        scatter = Scatter(distributions, places, np.array([known.derivatives[i].scale for i in places]))
+        scatter = Scatter(distributions, places, np.array([sensitivities.derivatives[i].scale for i in places]))
         quantities = []
-        for q in known.quantities:
+        for q in sensitivities.quantities:
             band, squares = scatter.band(np.array(q.value), q.changes), scatter.parts(q.changes) ** 2
             shares = squares / (squares.sum() or 1.0)
             flagged = bool((q.flagged[places] & (shares > _COUNTS)).any())
             quantities.append(QuantityBand(q.quantity, q.unit, q.value, band, shares, flagged))
         linear = linear_results(outcome, outcome.time, requests)
-        changed = [linear_results(d, outcome.time, requests) for d in known.derivatives]
+        changed = [linear_results(d, outcome.time, requests) for d in sensitivities.derivatives]
         changes = {
             path: {name: np.stack([results_in(other[path])[name] for other in changed]) for name in results_in(group)}
             for path, group in linear.items()
         }
-        changes |= {path: results_in(group) for path, group in spectrum_groups(known.spectra).items()}
+        changes |= {path: results_in(group) for path, group in spectrum_groups(sensitivities.spectra).items()}
         histories = linear | spectrum_groups(spectra)
         bands = {
             path: {name: scatter.band(values, changes[path][name]) for name, values in results_in(group).items()}
@@ -197,7 +197,7 @@ class Bands(ByQuantity[QuantityBand]):
             "parameter": np.array(list(self.scatter.distributions), dtype=np.str_),
             "quantity": np.array([q.quantity for q in quantities], dtype=np.str_),
         }
-        made: dict[str, object] = {
+        of_parameters: dict[str, object] = {
             "parameter_mean": np.array([d.mean for d in distributions]),
             "parameter_deviation": np.array([d.deviation for d in distributions]),
             "distribution": np.array([d.uniform for d in distributions], dtype=np.int8),
@@ -209,7 +209,7 @@ class Bands(ByQuantity[QuantityBand]):
             "share": np.array([q.shares for q in quantities]).reshape(-1, len(distributions)),
             "flagged": np.array([q.flagged for q in quantities], dtype=np.int8),
         }
-        groups = {"/spread": StoredGroup.of(named(_ROWS, made), named(_ROWS, labels), {"probability": LEVEL})}
+        groups = {"/spread": StoredGroup.of(named(_ROWS, of_parameters), named(_ROWS, labels), {"probability": LEVEL})}
         return groups | {
             path: StoredGroup(group.variables | ends_of(group, self.bands[path]), group.labels)
             for path, group in self.histories.items()
@@ -217,9 +217,9 @@ class Bands(ByQuantity[QuantityBand]):
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """One line a quantity: value, band, the parameter with the largest share of its variance."""
-        made = [(quantity_in_words(q.quantity), self._text(q, units)) for q in self.quantities]
+        texts = [(quantity_in_words(q.quantity), self._text(q, units)) for q in self.quantities]
         head = f"  at {100 * LEVEL:g} %, to first order in {len(self.scatter.distributions)} parameters that scatter:"
-        return [head, *named_lines(made)]
+        return [head, *named_lines(texts)]
 
     def _text(self, q: QuantityBand, units: UnitSystem) -> str:
         text = q.text(units.shown(q.unit))
@@ -246,8 +246,8 @@ class Bands(ByQuantity[QuantityBand]):
             }
             for q in self.quantities
         }
-        known = self.scatter.distributions.items()
-        parameters = {n: {"mean": d.mean, "deviation": d.deviation, "uniform": d.uniform} for n, d in known}
+        scattered = self.scatter.distributions.items()
+        parameters = {n: {"mean": d.mean, "deviation": d.deviation, "uniform": d.uniform} for n, d in scattered}
         return {"probability": LEVEL, "parameters": parameters, "quantities": quantities}
 
 
@@ -275,9 +275,9 @@ def linear_results(of: _Histories, time: Array, requests: Mapping[str, Sensor]) 
         for name, h in of.interfaces.items()
     }
     for name, sensor in of.sensors.items():
-        whole = sensor_group(sensor, time, requests[name].filter if name in requests else None)
-        kept = {key: v for key, v in whole.variables.items() if key not in whole.labels or v.dims == (key,)}
-        groups[f"{PATH}sensors/{name}"] = StoredGroup(kept, whole.labels & set(kept))
+        whole = sensor_group(sensor, time, filter_of(requests, name))
+        variables = {key: v for key, v in whole.variables.items() if key not in whole.labels or v.dims == (key,)}
+        groups[f"{PATH}sensors/{name}"] = StoredGroup(variables, whole.labels & set(variables))
     for name, bolt in of.bolts.items():
         group = StoredGroup.of([(BOLT["force"], bolt.force)], named(LABELS, {"time": time}))
         groups[f"{PATH}bolts/{name}"] = group
@@ -296,14 +296,18 @@ def results_in(group: StoredGroup) -> dict[str, Array]:
 
 def ends_of(group: StoredGroup, bands: Mapping[str, ResultBand], of: str = "") -> dict[str, StoredVariable]:
     """Both ends of the bands of the variables of a group; ``of`` : what else has bands, as part of their names."""
-    made = {}
+    ends = {}
     for name, band in bands.items():
         variable = group.variables[name]
         for word, values, share in (("low", band.low, 0.5 - 0.5 * LEVEL), ("high", band.high, 0.5 + 0.5 * LEVEL)):
-            meaning = f"{variable.attrs['long_name']}: {100 * share:g} % of all are below{f', {of}' if of else ''}"
+            meaning = f"{variable.attrs['long_name']}: {100 * share:g} % of all are below"
+            end = f"{name}_{word}"
+            if of:
+                meaning = f"{meaning}, {of}"
+                end = f"{name}_{of}_{word}"
             attrs = {key: v for key, v in variable.attrs.items() if key == "units"} | {"long_name": meaning}
-            made[f"{name}_{of}{'_' if of else ''}{word}"] = StoredVariable(variable.dims, values, attrs)
-    return made
+            ends[end] = StoredVariable(variable.dims, values, attrs)
+    return ends
 
 
 _NORMAL_FORCE: Final = rows("normal_force | N | time | normal resultant, positive in compression")["normal_force"]

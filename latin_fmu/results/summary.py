@@ -66,12 +66,12 @@ def cpu_seconds(timings: Timings) -> dict[str, float | None]:
 
 def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
     record = InterfaceRecord.of(history, outcome.interface_time)
-    made: dict[str, Any] = {"impulse": [finite(value) for value in history.impulse(outcome.interface_time)[-1]]}
+    entries: dict[str, Any] = {"impulse": [finite(value) for value in history.impulse(outcome.interface_time)[-1]]}
     for name, value in reported(INTERFACE, record).items():
-        made[name] = value
+        entries[name] = value
         if name == PEAK_FORCE.key:
-            made["peak_duration"] = finite(record.duration)
-    return made | {"error_indicator": finite(outcome.interface_indicator.get(history.name))}
+            entries["peak_duration"] = finite(record.duration)
+    return entries | {"error_indicator": finite(outcome.interface_indicator.get(history.name))}
 
 
 def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
@@ -93,7 +93,9 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
     lines = [f"  {label:<{width}}  {text}" for label, text in rows]
-    return lines + (["", *_table(outcome, units)] if outcome.interfaces else [])
+    if outcome.interfaces:
+        lines += ["", *_table(outcome, units)]
+    return lines
 
 
 def _penetration(outcome: Outcome, units: UnitSystem) -> str:
@@ -117,18 +119,20 @@ def _iterations(outcome: Outcome) -> str:
     failed = sum(not window.converged for window in outcome.windows)
     if fallen:
         text += f"; {fallen} used a fall-back"
-    return text + (f"; {failed} not converged" if failed else "")
+    if failed:
+        text += f"; {failed} not converged"
+    return text
 
 
 def _energy(outcome: Outcome, units: UnitSystem) -> str:
     energy = outcome.energy or {}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in energy.values()), default=0.0)
     if "balance" in energy:
-        left = float(np.abs(energy["balance"]).max(initial=0.0))
+        imbalance = float(np.abs(energy["balance"]).max(initial=0.0))
     else:
-        left = 0.0
+        imbalance = 0.0
     if largest > 0.0:
-        share = f"{left / largest:.1e}"
+        share = f"{imbalance / largest:.1e}"
     else:
         share = "0"
     text = f"balance closed to {share} of the largest term ({readable(largest, units.label('J'))})"
@@ -197,6 +201,9 @@ def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tupl
         total = history.impulse(outcome.interface_time)[-1]
         impulse = readable_vector([float(x) for x in total], units.label("N s"))
     indicator = outcome.interface_indicator.get(history.name)
+    opened = "not yet"
+    if last != outcome.interface_time[-1]:
+        opened = readable(last, "s")
     return (
         history.name,
         history.behaviour,
@@ -205,7 +212,7 @@ def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tupl
         readable(raw, units.label("N")),
         impulse,
         readable(FIRST_CONTACT.value(record), "s"),
-        "not yet" if last == outcome.interface_time[-1] else readable(last, "s"),
+        opened,
         slip,
         "-" if indicator is None else f"{indicator:.1e}",
     )
@@ -213,7 +220,9 @@ def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tupl
 
 def _slip_text(history: InterfaceHistory, fields: InterfaceFields, time: Array) -> str:
     """Largest share of the area that slips at one instant, where a joint with friction does not stick."""
-    slip = largest_slip_share(fields) if history.has_friction else None
+    slip = None
+    if history.has_friction:
+        slip = largest_slip_share(fields)
     if slip is None:
         return "-"
     if sticks(history, fields, time):

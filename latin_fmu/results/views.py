@@ -44,13 +44,13 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     group = _group(tree, "interfaces", interface)
     with readable(_source(tree)):
         fields = InterfaceFields.of_dataset(group)
-        made = group[["force"]]
+        forces = group[["force"]]
     for name, values, text in (
         ("normal", normal_resultant(fields), "normal resultant, positive in compression"),
         ("friction", friction_resultant(fields), "magnitude of the tangential resultant"),
     ):
-        made[name] = ("time", values, {"units": unit_of(made["force"], "N"), "long_name": text})
-    return made
+        forces[name] = ("time", values, {"units": unit_of(forces["force"], "N"), "long_name": text})
+    return forces
 
 
 def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -> xr.Dataset:
@@ -63,8 +63,8 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
     Examples
     --------
     >>> solution = latin_fmu.solve(latin_fmu.load_scene("models/two_specimen_crushing/scene.toml"))
-    >>> made = latin_fmu.pressure_map(solution.to_datatree(), "crush")
-    >>> made["pressure"].dims, made["pressure"].attrs["units"]
+    >>> pressure = latin_fmu.pressure_map(solution.to_datatree(), "crush")
+    >>> pressure["pressure"].dims, pressure["pressure"].attrs["units"]
     (('point',), 'Pa')
     """
     group = _group(tree, "interfaces", interface)
@@ -73,7 +73,10 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
         raise InputError([Problem(f"interface {interface}", what)], "there is no map")
     with readable(_source(tree)):
         fields = InterfaceFields.of_dataset(group)
-    at = int(normal_resultant(fields).argmax() if time is None else np.abs(fields.time - time).argmin())
+    if time is None:
+        at = int(normal_resultant(fields).argmax())
+    else:
+        at = int(np.abs(fields.time - time).argmin())
     pressure = -np.einsum("pc,pc->p", fields.traction[at], fields.normals) + 0.0  # no negative zero
     attrs = {
         "units": unit_of(group["traction"], "Pa"),
@@ -81,12 +84,12 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
         "mesh": "surface",
         "location": "node",
     }
-    made = group[["surface", "cells", "area"]]
-    if (made["cells"].values < 0).any():
+    pressures = group[["surface", "cells", "area"]]
+    if (pressures["cells"].values < 0).any():
         # readers of UGRID need it where cells differ in their number of nodes
-        made["cells"] = made["cells"].assign_attrs({"_FillValue": made["cells"].dtype.type(-1)})
-    made["pressure"] = ("point", pressure, attrs)
-    return made.assign_attrs(time=float(fields.time[at]))
+        pressures["cells"] = pressures["cells"].assign_attrs({"_FillValue": pressures["cells"].dtype.type(-1)})
+    pressures["pressure"] = ("point", pressure, attrs)
+    return pressures.assign_attrs(time=float(fields.time[at]))
 
 
 def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
@@ -98,8 +101,8 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     Examples
     --------
     >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml", ["output.fields=true"])
-    >>> made = latin_fmu.skin(latin_fmu.solve(scene).to_datatree(), "bar")
-    >>> made["faces"].dims
+    >>> surface = latin_fmu.skin(latin_fmu.solve(scene).to_datatree(), "bar")
+    >>> surface["faces"].dims
     ('face', 'corner')
     """
     group = _group(tree, "substructures", substructure, "store fields: output.fields = true")
@@ -115,16 +118,16 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     used, numbers = np.unique(corners[corners >= 0], return_inverse=True)
     corners[corners >= 0] = numbers
     fields = [str(name) for name, v in group.data_vars.items() if "node" in v.dims]
-    made = group[fields].isel(node=used).drop_attrs(deep=False)
+    surface = group[fields].isel(node=used).drop_attrs(deep=False)
     for name in fields:
-        made[name].attrs.update(mesh="skin", location="node")
+        surface[name].attrs.update(mesh="skin", location="node")
     connectivity = {
         "cf_role": "face_node_connectivity",
         "start_index": np.int32(0),
         "long_name": "corners of the faces",
     }
-    made["faces"] = (("face", "corner"), corners, connectivity | {"_FillValue": np.int64(-1)})
-    made["skin"] = (
+    surface["faces"] = (("face", "corner"), corners, connectivity | {"_FillValue": np.int64(-1)})
+    surface["skin"] = (
         (),
         np.int32(0),
         {
@@ -137,7 +140,7 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
             "long_name": f"skin of {substructure}, in the plane of x and y",
         },
     )
-    return made
+    return surface
 
 
 def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, quality: float = 10.0) -> xr.Dataset:
@@ -157,25 +160,29 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
 
     history = _history(tree, sensor, "acceleration")
     step = float(history["time"][1] - history["time"][0])
-    made = shock_response_spectrum(history.values, step, frequencies, quality, interpolation=LINES)
+    spectrum = shock_response_spectrum(history.values, step, frequencies, quality, interpolation=LINES)
     dims = ("response", "frequency", "component")
     label = units_of(tree.attrs).label
     hertz = {"units": "Hz", "long_name": "natural frequency of the oscillator"}
     return xr.Dataset(
         {
-            "acceleration": (dims, made.acceleration, {"units": label("m s-2"), "long_name": "largest acceleration"}),
+            "acceleration": (
+                dims,
+                spectrum.acceleration,
+                {"units": label("m s-2"), "long_name": "largest acceleration"},
+            ),
             "pseudo_velocity": (
                 dims,
-                made.pseudo_velocity,
+                spectrum.pseudo_velocity,
                 {"units": label("m s-1"), "long_name": "largest pseudo-velocity"},
             ),
         },
         {
             "response": np.array(RESPONSES, dtype=object),
-            "frequency": ("frequency", made.frequency, hertz),
+            "frequency": ("frequency", spectrum.frequency, hertz),
             "component": history["component"].values,
         },
-        {"quality": quality, "interpolation": made.interpolation},
+        {"quality": quality, "interpolation": spectrum.interpolation},
     )
 
 
@@ -199,10 +206,12 @@ def amplitude_spectrum(tree: xr.DataTree, sensor: str, quantity: str = "accelera
     n, step = len(history), float(history["time"][1] - history["time"][0])
     amplitude = np.abs(np.fft.rfft(history.values, axis=0)) * (2.0 / n)
     # the mean and, of an even number, half the sampling rate have no mirror image
-    amplitude[[0, -1] if n % 2 == 0 else [0]] *= 0.5
+    amplitude[0] *= 0.5
+    if n % 2 == 0:
+        amplitude[-1] *= 0.5
     coords = {"frequency": ("frequency", np.fft.rfftfreq(n, step), {"units": "Hz", "long_name": "frequency"})}
-    made = history.drop_vars("time").rename(time="frequency").isel(frequency=slice(len(amplitude)))
-    return made.copy(data=amplitude).assign_coords(coords)
+    template = history.drop_vars("time").rename(time="frequency").isel(frequency=slice(len(amplitude)))
+    return template.copy(data=amplitude).assign_coords(coords)
 
 
 def ring_down(
@@ -245,20 +254,14 @@ def ring_down(
     >>> moved = 1e-3 * np.exp(-0.01 * 2 * np.pi * 50 * time) * np.cos(2 * np.pi * 50 * time)
     >>> history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
     >>> sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
-    >>> made = latin_fmu.ring_down(xr.DataTree.from_dict({"/sensors/tip": sensor}), "tip", (30.0, 80.0))
-    >>> made["damping"].values[2].round(3)
+    >>> decay = latin_fmu.ring_down(xr.DataTree.from_dict({"/sensors/tip": sensor}), "tip", (30.0, 80.0))
+    >>> decay["damping"].values[2].round(3)
     np.float64(0.01)
     """
     import xarray as xr
 
     history = _history(tree, sensor, quantity)
-    problems = [] if periods >= 3 else [Problem("periods", "too few for an error", str(periods), "3 or more")]
-    if direction is not None and (
-        np.shape(direction) != (3,) or not 0 < np.linalg.norm(np.asarray(direction)) < np.inf
-    ):
-        problems.append(Problem("direction", "no direction", str(direction), "three numbers, not all 0"))
-    if problems:
-        raise InputError(problems, "no ring-down")
+    _check_arguments(periods, direction)
     time = np.asarray(history["time"].values, dtype=float)
     motion = _in_band(sensor, history.values, time, band)
     remembered = 3 / (band[1] - band[0])
@@ -272,16 +275,21 @@ def ring_down(
     signal = _analytic(motion @ axis)[inside]
     # from there on the transient of filter and transform after the large start counts
     weak = np.flatnonzero(np.abs(signal) < _WEAK * np.abs(signal).max(initial=0.0))
-    signal, time = signal[: weak[0] if weak.size else None], time[inside][: weak[0] if weak.size else None]
+    time = time[inside]
+    if weak.size:
+        signal, time = signal[: weak[0]], time[: weak[0]]
     theta, log_size = np.unwrap(np.angle(signal)), np.log(np.abs(signal))
     if len(time) > 2:
         period = 2 * np.pi * (time[1] - time[0]) / float(np.median(np.diff(theta)))
     else:
         period = np.inf
-    length = round(periods * period / (time[1] - time[0])) if np.isfinite(period) else len(time)
+    length, span = len(time), "0 s"
+    if np.isfinite(period):
+        length = round(periods * period / (time[1] - time[0]))
     if not 2 < length <= len(time):
         what, wanted = "is too short for a window", f"{periods} periods without both ends, which the filter distorts"
-        span = f"{time[-1] - time[0]:.4g} s" if len(time) else "0 s"
+        if len(time):
+            span = f"{time[-1] - time[0]:.4g} s"
         raise InputError([Problem(f"sensor {sensor}", what, span, wanted)], "no ring-down")
     rows = []
     for start in range(0, len(time) - length + 1, max(length // 2, 1)):
@@ -293,7 +301,7 @@ def ring_down(
     at, amplitude, frequency, damping, *errors = np.array(rows).T
     unit = history.attrs.get("units", "")
     words = "of the windows before and behind the time"
-    made = xr.Dataset(
+    decay_table = xr.Dataset(
         {
             "amplitude": ("time", amplitude, {"units": unit, "long_name": f"geometric mean amplitude {words}"}),
             "frequency": ("time", frequency, {"units": "Hz", "long_name": "natural frequency"}),
@@ -306,8 +314,21 @@ def ring_down(
     )
     if without_slip is not None:
         still = ring_down(without_slip, sensor, band, axis, periods=periods, quantity=quantity)
-        made.attrs["floor"] = float(np.median(still["damping"]))
-    return made
+        decay_table.attrs["floor"] = float(np.median(still["damping"]))
+    return decay_table
+
+
+def _check_arguments(periods: int, direction: ArrayLike | None) -> None:
+    """Refuse windows and directions that ``ring_down`` cannot work with."""
+    problems = []
+    if periods < 3:
+        problems.append(Problem("periods", "too few for an error", str(periods), "3 or more"))
+    if direction is not None and (
+        np.shape(direction) != (3,) or not 0 < np.linalg.norm(np.asarray(direction)) < np.inf
+    ):
+        problems.append(Problem("direction", "no direction", str(direction), "three numbers, not all 0"))
+    if problems:
+        raise InputError(problems, "no ring-down")
 
 
 def _in_band(sensor: str, values: Array, time: Array, band: tuple[float, float]) -> Array:
@@ -315,7 +336,9 @@ def _in_band(sensor: str, values: Array, time: Array, band: tuple[float, float])
     from scipy.signal import butter, sosfiltfilt
 
     step = uniform_step(time)
-    problems = [] if step else [Problem(f"sensor {sensor}", "the steps of the run are of unequal length")]
+    problems = []
+    if not step:
+        problems.append(Problem(f"sensor {sensor}", "the steps of the run are of unequal length"))
     low, high = (float(f) for f in band)
     if step and not 0 < low < high < 0.5 / step:
         problems.append(
@@ -363,7 +386,9 @@ def _source(tree: xr.DataTree) -> str:
 
 def _group(tree: Mapping[str, Any], kind: str, name: str, remedy: str | None = None) -> xr.Dataset:
     """A group of the results as a dataset of its own. Raises InputError where it is missing."""
-    groups = tree[kind].children if kind in tree else {}
+    groups = {}
+    if kind in tree:
+        groups = tree[kind].children
     if name not in groups or not groups[name].data_vars:
         there = ", ".join(n for n, group in groups.items() if group.data_vars) or "none"
         raise InputError([Problem(f"{kind}/{name}", "is not in the results", None, there, remedy)])

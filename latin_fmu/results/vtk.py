@@ -156,8 +156,11 @@ def _data_array(name: str, values: NDArray[Any]) -> str:
     data = np.ascontiguousarray(values, dtype={"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}[kind]).tobytes()
     packed = zlib.compress(data)
     # number of blocks, size of a block, of the last one (0: as the others), packed size of each
-    sizes = np.array([1, len(data), 0, len(packed)] if data else [0, 0, 0], dtype="<u8").tobytes()
-    text = b64encode(sizes).decode() + (b64encode(packed).decode() if data else "")
+    if data:
+        sizes = np.array([1, len(data), 0, len(packed)], dtype="<u8").tobytes()
+        text = b64encode(sizes).decode() + b64encode(packed).decode()
+    else:
+        text = b64encode(np.zeros(3, dtype="<u8").tobytes()).decode()
     if values.ndim > 1:
         width = values.shape[1]
     else:

@@ -140,7 +140,10 @@ def write_whole(
         _flush(draft)
         _move(draft, target)
     except (OSError, ResultsError) as error:
-        raise _unwritten(Path(path), error, _rescued(Path(path), write) if rescue else None) from error
+        copy = None
+        if rescue:
+            copy = _rescued(Path(path), write)
+        raise _unwritten(Path(path), error, copy) from error
     finally:
         if draft is not None:
             _remove(draft)
@@ -214,7 +217,10 @@ def _rescued(target: Path, write: Write) -> Path | None:
 def _flush(written: Path) -> None:
     """Bring a file, or the files of a folder, to the disk."""
     # before the name: else after a crash the name might stand for an empty file
-    for file in sorted(written.rglob("*")) if written.is_dir() else (written,):
+    files = [written]
+    if written.is_dir():
+        files = sorted(written.rglob("*"))
+    for file in files:
         with file.open("r+b") as stream:
             os.fsync(stream.fileno())
 

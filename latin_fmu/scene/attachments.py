@@ -170,25 +170,25 @@ class Spring(SceneTable):
 
     def interfaces(self, name: str) -> dict[str, Interface]:
         """The interfaces that stand for the spring, by name; stiffness and viscosity of the whole, per area 1."""
-        sides, made = (self.ends[0].side, self.ends[1].side), {}
+        sides, interfaces = (self.ends[0].side, self.ends[1].side), {}
         if self.elastic:
-            made[name] = Interface(
+            interfaces[name] = Interface(
                 sides=sides,
                 behaviour="elastic_layer",
                 normal_stiffness=self.stiffness,
                 tangential_stiffness=self.lateral_stiffness,
             )
             if self.damping_ratios is not None:
-                made |= side_by_side(made[name], name, self.damping_ratios.damping)
+                interfaces |= side_by_side(interfaces[name], name, self.damping_ratios.damping)
         if self.viscous:
             # a dashpot alone keeps the name of its table
-            made[name + DASHPOT * self.elastic] = Interface(
+            interfaces[name + DASHPOT * self.elastic] = Interface(
                 sides=sides,
                 behaviour="viscous_joint",
                 normal_viscosity=self.viscosity,
                 tangential_viscosity=self.lateral_viscosity,
             )
-        return made
+        return interfaces
 
 
 class CouplingTable(SceneTable):
@@ -272,7 +272,10 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
             place = _as_end(end)
             if isinstance(place, Mapping) and place.get("substructure") != GROUND:
                 yield from _place_problems(raw, f"{where}.ends[{i}]", place)
-        for used in (name, name + DASHPOT) if key == "spring" else (name,):
+        names = [name]
+        if key == "spring":
+            names.append(name + DASHPOT)
+        for used in names:
             if used in taken:
                 yield Problem(
                     where, f"the results of {taken[used]} {used} have this name", name, None, "choose another name"

@@ -96,7 +96,7 @@ class BodyLoadKind(ABC):
         """The body that a load is described with; None where it has a table of its own."""
         return None
 
-    def given(self, scene: Any) -> Mapping[str, Any]:
+    def tables_of(self, scene: Any) -> Mapping[str, Any]:
         """Tables of a scene by name, one without a name by an empty one, whether they act or not."""
         tables = getattr(scene, self.tables)
         if isinstance(tables, dict):
@@ -120,14 +120,13 @@ class BodyLoadKind(ABC):
 
     def at_rest(self, data: Tables, name: str, _still: Sequence[str], law: Tables | None, /) -> None:
         """Give a load another law in the tables ``data`` of a scene of these bodies; None takes the load out."""
+        tables, key = data, self.tables
         if name:
-            tables = data[self.tables]
-        else:
-            tables = data
+            tables, key = data[self.tables], name
         if law is None:
-            tables.pop(name or self.tables)
+            tables.pop(key)
         else:
-            (tables[name] if name else tables[self.tables])[self.law_key] = law
+            tables[key][self.law_key] = law
 
 
 class BodyForceKind(BodyLoadKind):
@@ -285,5 +284,5 @@ class BodyLoad:
 def body_loads_of(scene: Any) -> Iterator[BodyLoad]:
     """Loads of whole bodies of a scene, those that multiply their law by 0 among them."""
     for kind in BODY_LOADS:
-        for name, table in kind.given(scene).items():
+        for name, table in kind.tables_of(scene).items():
             yield BodyLoad(kind, name, table)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ..errors import Problem, listed, shown
-from .fields import Count, Direction, Name, Real, SceneTable, Text, Vector, about, refusal
+from .fields import Count, Direction, Name, Real, SceneTable, Text, Vector, about, entry, refusal
 from .raw_scene import (
     RawTable,
     chosen_type,
@@ -205,23 +205,32 @@ class Bolt(SceneTable):
             return None
         return self.thread.size
 
+    @property
+    def _named_thread(self) -> ThreadSize | None:
+        """Thread that the bolt names by its size, None where it names none."""
+        if self.thread is None:
+            return None
+        return self.thread.named
+
     def nominal(self, units: UnitSystem) -> float | None:
         """Nominal diameter in these units, m; None where the bolt gives none."""
-        named = None if self.thread is None else self.thread.named
+        named = self._named_thread
         if named is None:
             return self.diameter
         return 1e-3 * named.diameter / units.size("m")
 
     def thread_area(self, units: UnitSystem) -> float | None:
         """Tensile stress area of its thread in these units, m2; None where it names none."""
-        named = None if self.thread is None else self.thread.named
+        named = self._named_thread
         if named is None:
             return None
         return 1e-6 * named.stress_area / units.size("m2")
 
     def class_stress(self, units: UnitSystem) -> float | None:
         """Yield stress of its property class in these units, Pa; None where it names none."""
-        stress = None if self.property_class is None else class_yield(self.property_class)
+        stress = None
+        if self.property_class is not None:
+            stress = class_yield(self.property_class)
         if stress is None:
             return None
         return 1e6 * stress / units.size("Pa")
@@ -232,14 +241,14 @@ def with_screws(raw: Any) -> tuple[Any, list[Problem]]:
     """The scene as written with a table for every screw of those with ``parts``, and the diameter of the thread where a
     torque needs it; what is wrong with them."""
     tables = named_tables(raw, "bolt")
-    made, problems = dict[str, Any](), list[Problem]()
+    bolts, problems = dict[str, Any](), list[Problem]()
     for name, table in tables.items():
         if isinstance(table.get("parts"), str):
             patterns = [table["parts"]]
         else:
             patterns = text_list(table.get("parts"))
         if not patterns:
-            made[name] = _with_diameter(raw, table)
+            bolts[name] = _with_diameter(raw, table)
             continue
         bodies = list(named_tables(raw, "substructure"))
         found = [body for body in bodies if any(fnmatchcase(body, pattern) for pattern in patterns)]
@@ -250,17 +259,17 @@ def with_screws(raw: Any) -> tuple[Any, list[Problem]]:
         if given(table, "substructure"):
             problems.append(Problem(f"bolt.{name}.parts", "given together with 'substructure'", None, "one of them"))
         if alone or given(table, "substructure"):
-            made[name] = table
+            bolts[name] = table
             continue
         one = {key: value for key, value in _with_diameter(raw, table).items() if key != "parts"}
         for body in found:
             # names have 100 characters
-            made[f"{name}_{body}"[:100]] = {**one, "substructure": body}
-    if all(made.get(name) is table for name, table in tables.items()) or not isinstance(raw, Mapping):
+            bolts[f"{name}_{body}"[:100]] = {**one, "substructure": body}
+    if all(bolts.get(name) is table for name, table in tables.items()) or not isinstance(raw, Mapping):
         return raw, problems
     # what is no table is reported by the check of the fields
     rest = {name: value for name, value in raw["bolt"].items() if name not in tables}
-    return {**raw, "bolt": {**rest, **made}}, problems
+    return {**raw, "bolt": {**rest, **bolts}}, problems
 
 
 def _with_diameter(raw: Any, table: RawTable) -> RawTable:
@@ -296,8 +305,10 @@ def _hardening_problems(raw: Any, where: str, bolt: RawTable, body: RawTable) ->
     if not given(bolt, "hardening"):
         return
     material = body.get("material")
-    own = named_tables(raw, "material").get(material, {}) if isinstance(material, str) else {}
-    if own and not given(own, "yield_stress"):
+    table: RawTable = {}
+    if isinstance(material, str):
+        table = named_tables(raw, "material").get(material, {})
+    if table and not given(table, "yield_stress"):
         what = "a shank that yields needs the yield stress of its material"
         yield Problem(
             f"material.{material}.yield_stress", what, None, "number, > 0 [Pa]", f"or leave out {where}.hardening"
@@ -330,7 +341,7 @@ def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
                 f"{wanted:g} {system_named(raw.get('units'))['m']}",
                 "omit the diameter: it follows from the thread",
             )
-    part = thread.get("part") if isinstance(thread, Mapping) else None
+    part = entry(thread, "part")
     bodies = list(named_tables(raw, "substructure"))
     if (
         isinstance(part, str)
@@ -344,7 +355,9 @@ def _size_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
 
 
 def _size_text(thread: object) -> str:
-    return str(thread.get("size") if isinstance(thread, Mapping) else thread)
+    if isinstance(thread, Mapping):
+        return str(thread.get("size"))
+    return str(thread)
 
 
 def bolt_problems(raw: Any) -> Iterator[Problem]:
@@ -353,7 +366,8 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
     for name, table in named_tables(raw, "bolt").items():
         where, body = f"bolt.{name}", table.get("substructure")
         yield from exactly_one(table, where, "force", "torque", "shortening")
-        yield from () if given(table, "parts") else exactly_one(table, where, "substructure", "parts")
+        if not given(table, "parts"):
+            yield from exactly_one(table, where, "substructure", "parts")
         yield from _size_problems(raw, where, table)
         for key, need in (("torque", "diameter"), ("nut_factor", "torque")):
             if given(table, key) and not given(table, need):

@@ -163,7 +163,9 @@ def _imposed(raw: Any, table: RawTable) -> Iterator[tuple[str, str]]:
             # the normal is known with the mesh only
             yield face, "symmetry"
     elif kind == "fixed" or kind in _DRIVEN:
-        default = list(AXES) if kind == "fixed" else []
+        default = []
+        if kind == "fixed":
+            default = list(AXES)
         for component in dict.fromkeys(text_list(table.get("components")) or default):
             if component in AXES:
                 # components along other axes cannot be compared with the global ones

@@ -42,10 +42,11 @@ class DampingRatios(SceneTable):
         least, most = low * first / last, low * last / first
         # round-off at the ends of the range, where one term is left
         if not (least * (1 - 1e-9) <= high <= most * (1 + 1e-9)) or self.damping.deviation > PRECISION:
-            word, bound = ("falls", "from") if high < low else ("rises", "up to")
             if high < low:
+                word, bound = "falls", "from"
                 closest = nearest(first, last, low, max(high, least))
             else:
+                word, bound = "rises", "up to"
                 closest = most
             raise refusal(
                 f"the ratio {word} faster with frequency than that of any damping by strain",

@@ -102,9 +102,8 @@ def field_at(root: type[BaseModel], location: Sequence[str | int]) -> FieldInfo 
 def unit_of(field: FieldInfo) -> str | None:
     """Unit of a field, None for text, flags and tables."""
     extra = field.json_schema_extra
-    unit = extra.get("unit") if isinstance(extra, dict) else None
-    if unit is not None:
-        return str(unit)
+    if isinstance(extra, dict) and extra.get("unit") is not None:
+        return str(extra["unit"])
     return None
 
 
@@ -116,7 +115,10 @@ def range_of(field: FieldInfo) -> str:
             limit = getattr(item, key, None)
             if limit is not None and isinstance(item, annotated_types.BaseMetadata):
                 # limits of counts: ":g" would write 1e+07
-                bounds.append(f"{sign} {limit:g}" if abs(limit) < 1e6 else f"{sign} {limit:d}")
+                if abs(limit) < 1e6:
+                    bounds.append(f"{sign} {limit:g}")
+                else:
+                    bounds.append(f"{sign} {limit:d}")
     return ", ".join(dict.fromkeys(bounds))
 
 
@@ -126,7 +128,10 @@ def _metadata(field: FieldInfo) -> list[Any]:
     while stack:
         annotation: Any = stack.pop()
         for item in getattr(annotation, "__metadata__", ()):
-            metadata += item.metadata if isinstance(item, FieldInfo) else [item]
+            if isinstance(item, FieldInfo):
+                metadata += item.metadata
+            else:
+                metadata += [item]
         if get_origin(annotation) is not Literal:
             stack += [part for part in get_args(annotation) if part is not Ellipsis]
     return metadata
@@ -212,7 +217,10 @@ def path_text(path: Sequence[str | int]) -> str:
             key = part
         else:
             key = shown(part)
-        text += f".{key}" if text else key
+        if text:
+            text += f".{key}"
+        else:
+            text += key
     return text or "scene"
 
 
@@ -222,11 +230,11 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
     path = _path_in_file(root, location, raw)
     where, value = path_text(path), shown(detail["input"])
     if kind == "scene_problem":
-        given = context["value"]
-        if given is None or isinstance(given, str):
-            text = given
+        wrong = context["value"]
+        if wrong is None or isinstance(wrong, str):
+            text = wrong
         else:
-            text = shown(given)
+            text = shown(wrong)
         return Problem(where, context["what"], text, context["allowed"], context["remedy"])
     if kind == "extra_forbidden":
         tables = tables_at(root, location[:-1])
@@ -237,12 +245,10 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         return Problem(where, "unknown key", value, ", ".join(keys), remedy)
     if kind == "union_tag_not_found":
         tags = tags_of(tables_at(root, location))
-        return Problem(
-            f"{where}.type" if isinstance(detail["input"], dict) else where,
-            "the type is missing" if isinstance(detail["input"], dict) else "must be a table",
-            None if isinstance(detail["input"], dict) else value,
-            f"a table with type = one of {', '.join(tags)}",
-        )
+        allowed = f"a table with type = one of {', '.join(tags)}"
+        if isinstance(detail["input"], dict):
+            return Problem(f"{where}.type", "the type is missing", None, allowed)
+        return Problem(where, "must be a table", value, allowed)
     if kind == "union_tag_invalid":
         tags, tag = tags_of(tables_at(root, location)), _tag(detail["input"])
         return Problem(f"{where}.type", "unknown type", shown(tag), ", ".join(tags), did_you_mean(tag, tags))
@@ -255,8 +261,12 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
     what = _WHAT.get(kind, detail["msg"])
     if kind == "float_type" and isinstance(detail["input"], int) and not isinstance(detail["input"], bool):
         what = "number out of range"
-    allowed = allowed_text(field_at(root, location), item=isinstance(location[-1], int)) if location else None
-    return Problem(where, what, None if kind == "missing" else value, allowed)
+    if not location:
+        return Problem(where, what, value)
+    wanted = allowed_text(field_at(root, location), item=isinstance(location[-1], int))
+    if kind == "missing":
+        return Problem(where, what, None, wanted)
+    return Problem(where, what, value, wanted)
 
 
 def _tag(table: Any) -> Any:
@@ -281,7 +291,10 @@ def _path_in_file(root: type[BaseModel], location: Sequence[str | int], raw: Any
         if isinstance(here, Mapping):
             here = here.get(part)
         elif isinstance(here, Sequence) and not isinstance(here, str) and isinstance(part, int):
-            here = here[part] if part < len(here) else None
+            if part < len(here):
+                here = here[part]
+            else:
+                here = None
         else:
             here = None
     return path

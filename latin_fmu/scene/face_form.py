@@ -56,7 +56,10 @@ class Crown(SceneTable):
     @property
     def directions(self) -> Array:
         """Unit vectors (n, 3) that lie in the face."""
-        return np.zeros((0, 3)) if self.axis is None else np.array([self.axis]) / np.linalg.norm(self.axis)
+        if self.axis is None:
+            return np.zeros((0, 3))
+        direction: Array = np.array([self.axis]) / np.linalg.norm(self.axis)
+        return direction
 
     def sample(self, points: Array, normals: Array, centre: Array) -> Array:
         """Form at points (n, 3) with unit normals (n, 3), (n,), m; ``centre`` (3,) where the table names none."""

@@ -68,16 +68,23 @@ class SceneTable(BaseModel):
                 raise ValidationError.from_exception_data(cls.__name__, details) from None
             if numbers is data:
                 raise
-            made = handler(dict(numbers))
-            made._texts = {key: data[key] for key, value in numbers.items() if value is not data[key]}
-            return made
+            table = handler(dict(numbers))
+            table._texts = {key: data[key] for key, value in numbers.items() if value is not data[key]}
+            return table
+
+
+def entry(table: object, key: str) -> Any:
+    """What stands at a key; None where nothing does, or where the table is no table at all."""
+    if isinstance(table, Mapping):
+        return table.get(key)
+    return None
 
 
 def units_in(context: Any) -> UnitSystem:
     """System of units of the scene that is read; SI for a table on its own."""
-    given = context.get("units") if isinstance(context, dict) else None
-    if isinstance(given, UnitSystem):
-        return given
+    system = entry(context, "units")
+    if isinstance(system, UnitSystem):
+        return system
     return SI
 
 
@@ -91,7 +98,9 @@ def about(
     le: float | None = None,
 ) -> FieldInfo:
     """Describe a field: what it means, its unit and its range (for messages, reference and JSON schema)."""
-    extra: dict[str, Any] | None = None if unit is None else {"unit": unit}
+    extra: dict[str, Any] | None = None
+    if unit is not None:
+        extra = {"unit": unit}
     described: FieldInfo = Field(description=meaning, json_schema_extra=extra, gt=gt, ge=ge, lt=lt, le=le)
     return described
 
@@ -236,6 +245,9 @@ class LocalAxes(SceneTable):
 
 def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     scale = max(map(abs, vector))  # keeps the squares from over- or underflowing
-    x, y, z = (v / scale for v in vector) if scale else vector
+    if scale:
+        x, y, z = (v / scale for v in vector)
+    else:
+        x, y, z = vector
     length = math.hypot(x, y, z) or 1.0
     return (x / length, y / length, z / length)

@@ -78,7 +78,9 @@ class SceneHistory:
         """A record without content in the run, or of another quantity than the law multiplies."""
         law, end = self.law, self.end
         unit = law.units[1]
-        name = si_unit(unit) if isinstance(unit, str) else None
+        name = None
+        if isinstance(unit, str):
+            name = si_unit(unit)
         if name not in (None, "1", self.unit):
             what = f"the header says {words_for(str(name))}, but the law multiplies {words_for(self.unit)}"
             allowed = names_for(self.unit)

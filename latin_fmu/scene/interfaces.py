@@ -149,7 +149,7 @@ def _check_gap(value: object) -> object:
             what = "out of range"
         else:
             what = "must be a number"
-    remedy = did_you_mean(value, _GAP_RULES) if isinstance(value, str) else None
+    remedy = did_you_mean(value, _GAP_RULES)
     raise refusal(what, value=value, allowed='number, >= 0 [m], "measured" or "closed"', remedy=remedy)
 
 
@@ -286,11 +286,11 @@ def side_by_side(layer: Interface, name: str, damping: StrainDamping) -> dict[st
     """Maxwell joints and a dashpot that give an elastic layer the damping by strain, by name."""
     stiffness = {key: getattr(layer, key) or 0.0 for key in ("normal_stiffness", "tangential_stiffness")}
     plain = layer.model_copy(update={"preload": 0.0, "preload_force": 0.0, "damping_ratios": None})
-    made = {}
+    branches = {}
     for count, (strength, time) in enumerate(zip(damping.strengths, damping.times, strict=True), start=1):
         keys = {key: strength * value for key, value in stiffness.items()}
         joint = {"behaviour": "maxwell_joint", "relaxation_time": time, **keys}
-        made[f"{name}{BRANCH}{count}"] = plain.model_copy(update=joint)
+        branches[f"{name}{BRANCH}{count}"] = plain.model_copy(update=joint)
     if damping.viscosity > 0.0:
         viscous = {
             "behaviour": "viscous_joint",
@@ -298,8 +298,8 @@ def side_by_side(layer: Interface, name: str, damping: StrainDamping) -> dict[st
             "tangential_viscosity": damping.viscosity * stiffness["tangential_stiffness"],
             **dict.fromkeys(stiffness),
         }
-        made[name + DASHPOT] = plain.model_copy(update=viscous)
-    return made
+        branches[name + DASHPOT] = plain.model_copy(update=viscous)
+    return branches
 
 
 NamePair = Annotated[tuple[Name, Name], BeforeValidator(_as_list)]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Real, SceneTable, Series, Text, _as_list, about, refusal, tagged, units_in
+from .fields import Real, SceneTable, Series, Text, _as_list, about, entry, refusal, tagged, units_in
 from .number_files import MULTIPLIED, Column, TimeUnit, ValueUnit, is_column
 from .records import GAPS, STARTS, filled
 from .unit_texts import names_for
@@ -29,7 +29,7 @@ from .unit_texts import names_for
 
 def base_dir_of(context: Any) -> Path:
     """Folder that relative file names start from: that of the scene file, else the current one."""
-    base_dir = context.get("base_dir") if isinstance(context, dict) else None
+    base_dir = entry(context, "base_dir")
     if isinstance(base_dir, Path):
         return base_dir
     return Path()

@@ -152,7 +152,10 @@ class PressureLoad(LoadKind):
             return
         if estimate.small:
             text = f"a pressure of {estimate.stress} strains {estimate.body} by {estimate.strain:.1g} only"
-            yield f"{text}: {'if it is in MPa, write it in Pa' if estimate.si else 'check its unit'}"
+            remedy = "if it is in MPa, write it in Pa"
+            if not estimate.si:
+                remedy = "check its unit"
+            yield f"{text}: {remedy}"
         if self.pressure * estimate.mean < 0.0:
             text = "its pressure is negative: it pulls at the face (suction)"
             yield f"{text}; change the sign if compression is intended"
@@ -232,7 +235,7 @@ class ResultantLoad(LoadKind):
 
     def _moment_about(self, centre: Array) -> tuple[float, ...]:
         """Moment about the centre of the face, N m: M + r x F, r the arm of the point."""
-        own = self.to_global(self.moment or (0.0, 0.0, 0.0))
+        moment = self.to_global(self.moment or (0.0, 0.0, 0.0))
         force = self.to_global(self.force or (0.0, 0.0, 0.0))
-        about_centre = np.add(own, np.cross(np.subtract(self.point or centre, centre), force))
+        about_centre = np.add(moment, np.cross(np.subtract(self.point or centre, centre), force))
         return tuple(about_centre.tolist())

@@ -32,11 +32,13 @@ MULTIPLIED: Final = ("N", "N m", "Pa", "m", "m s-1", "m s-2", "N m-3", "K", "rad
 def factor(unit: Any, system: UnitSystem = SI) -> float:
     """Factor to the units of a scene of a unit, by its name or the factor itself; 1 for what is none."""
     if isinstance(unit, str):
-        known = si_unit(unit)
-        size = None if known is None else unit_size(unit, known)
-        if known is None or size is None:
+        base = si_unit(unit)
+        size = None
+        if base is not None:
+            size = unit_size(unit, base)
+        if base is None or size is None:
             return 1.0
-        return float(size / system.exact_size(known))
+        return float(size / system.exact_size(base))
     if isinstance(unit, int | float):
         return float(unit)
     return 1.0
@@ -46,10 +48,10 @@ def unit_problem(name: str, unit: str) -> str | None:
     """What is wrong with a text as a unit of the dimension of one of SI; None where nothing is."""
     if unit_size(name, unit) is not None:
         return None
-    known = si_unit(name)
-    if known is None:
+    base = si_unit(name)
+    if base is None:
         return "unknown unit"
-    return f"a unit of {words_for(known)}, not of {words_for(unit)}"
+    return f"a unit of {words_for(base)}, not of {words_for(unit)}"
 
 
 def _check_unit(value: object, *units: str) -> object:
@@ -157,7 +159,9 @@ def _rows(
     else:
         many = str(len(places))
     for number, cells in lines:
-        row = _numbers(cells, places) if columns is not None or len(cells) == 2 else None
+        row = None
+        if columns is not None or len(cells) == 2:
+            row = _numbers(cells, places)
         if row is None or not all(map(math.isfinite, row)):
             wrong = next((repr(n) for n in row or () if not math.isfinite(n)), None)
             raise refusal(f"line {number} is not {many} finite numbers", value=wrong, allowed=wanted)
@@ -346,6 +350,13 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
             yield number, line.strip(" ") if "\t" in line else stripped
 
 
+def _words(text: str) -> list[str]:
+    """Cells between blanks; a unit in brackets belongs to the name before it."""
+    if "[" in text or "(" in text:
+        return _WORDS.findall(text)
+    return text.split()
+
+
 def _splitter(lines: Sequence[str]) -> Any:
     """Function from a line to its cells, by the separator that the first line of numbers has; empty cells at the end
     are left out."""
@@ -356,19 +367,20 @@ def _splitter(lines: Sequence[str]) -> Any:
     if separator == "," and len(between) > 1 and all(number_in(cell) is not None for cell in between):
         separator = None
     if separator is None:
-        # a unit in brackets belongs to the name before it
-        return lambda text: _WORDS.findall(text) if "[" in text or "(" in text else text.split()
-    pattern = re.compile(rf"\s*{separator}\s*" if separator != "\t" else r" *\t *")
+        return _words
+    pattern = re.compile(rf"\s*{separator}\s*")
+    if separator == "\t":
+        pattern = re.compile(r" *\t *")
 
     def cells(text: str) -> list[str]:
         if '"' in text:
             found = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
         else:
             found = pattern.split(text)
-        made = [cell.strip("\"' ") for cell in found]
-        while len(made) > 1 and not made[-1]:
-            made.pop()
-        return made
+        texts = [cell.strip("\"' ") for cell in found]
+        while len(texts) > 1 and not texts[-1]:
+            texts.pop()
+        return texts
 
     return cells
 

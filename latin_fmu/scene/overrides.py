@@ -190,10 +190,10 @@ def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection
         if count != 1:
             return None
         wanted = with_value(wanted, path, number, named)
-    made = "".join(lines)
+    new_text = "".join(lines)
     # a text or comment may look like the key: the new text is read and compared
-    if tomllib.loads(made) == wanted:
-        return made
+    if tomllib.loads(new_text) == wanted:
+        return new_text
     return None
 
 

@@ -78,12 +78,16 @@ class Port(SceneTable):
 
     @model_validator(mode="after")
     def _check_port(self) -> Self:
-        n, given = len(self.components), self.impedance
-        if self.causality != "wave" and given is not None:
+        n, impedance = len(self.components), self.impedance
+        if self.causality != "wave" and impedance is not None:
             remedy = 'omit impedance, or set causality = "wave"'
-            raise refusal(f"a port of causality {self.causality} has no impedance", value=list(given), remedy=remedy)
-        if self.causality == "wave" and (given is None or len(given) != n):
-            value = None if given is None else list(given)
+            raise refusal(
+                f"a port of causality {self.causality} has no impedance", value=list(impedance), remedy=remedy
+            )
+        if self.causality == "wave" and (impedance is None or len(impedance) != n):
+            value = None
+            if impedance is not None:
+                value = list(impedance)
             allowed = f"impedance = [{n} number(s) > 0], one for each component, e.g. rho c A of a bar"
             raise refusal("a wave port needs the impedance of each component", value=value, allowed=allowed)
         for component in self.laws:
@@ -154,10 +158,12 @@ def _wave_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
 
 def _motion_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
     parsed = parsed_face(table.get("face"))
-    body = named_tables(raw, "substructure").get(parsed[0], {}) if parsed else {}
+    if parsed is None:
+        return
+    body = named_tables(raw, "substructure").get(parsed[0], {})
     if body.get("rigid") is True:
         what = "the force on a rigid body whose motion is given is not known"
-        remedy = f'choose "force_in" or "wave", or leave out substructure.{parsed[0] if parsed else ""}.rigid'
+        remedy = f'choose "force_in" or "wave", or leave out substructure.{parsed[0]}.rigid'
         yield Problem(f"{where}.causality", what, "motion_in", '"force_in" or "wave"', remedy)
 
 

@@ -183,12 +183,17 @@ def _first_contact(record: Any) -> float | None:
     """After a gap the instant at which it closes, else that at which the force begins."""
     if not record.loaded:
         return None
-    begin: float = record.force.begin() if record.closing is None else record.closing
-    return begin
+    instant: float = record.closing
+    if record.closing is None:
+        instant = record.force.begin()
+    return instant
 
 
 def _separation(record: Any) -> float | None:
-    return record.force.separation(record.duration) if record.loaded else None
+    instant: float | None = None
+    if record.loaded:
+        instant = record.force.separation(record.duration)
+    return instant
 
 
 QUANTITIES: Final[tuple[RunScalar, ...]] = (

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ..errors import Problem, did_you_mean, shown
-from .fields import ALL_OF_IT, BOX_FACES, FACE_PATTERN, NAME_PATTERN, split_face
+from .fields import ALL_OF_IT, BOX_FACES, FACE_PATTERN, NAME_PATTERN, entry, split_face
 
 RawTable = Mapping[str, Any]
 CENTRAL = "central_difference"
@@ -53,7 +53,7 @@ def oversized_integers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[t
 
 def named_tables(raw: Any, key: str) -> dict[str, RawTable]:
     """The tables [key.NAME] that are tables."""
-    group = raw.get(key) if isinstance(raw, Mapping) else None
+    group = entry(raw, key)
     if not isinstance(group, Mapping):
         return {}
     return {name: item for name, item in group.items() if isinstance(name, str) and isinstance(item, Mapping)}
@@ -61,7 +61,7 @@ def named_tables(raw: Any, key: str) -> dict[str, RawTable]:
 
 def single_table(raw: Any, key: str) -> RawTable:
     """The table [key], empty where it is missing or no table."""
-    table = raw.get(key) if isinstance(raw, Mapping) else None
+    table = entry(raw, key)
     if isinstance(table, Mapping):
         return table
     return {}
@@ -121,18 +121,20 @@ def parsed_face(value: Any) -> tuple[str, str] | None:
 _MAX_LISTED = 12
 
 
-def unknown_name(where: str, kind: str, name: str, known: Iterable[str]) -> Problem:
+def unknown_name(where: str, kind: str, name: str, tables: Iterable[str]) -> Problem:
     """The problem of a name that no table has."""
-    names = sorted(name for name in known if NAME_PATTERN.fullmatch(name))
-    listed = ", ".join(names[:_MAX_LISTED]) + (", ..." if len(names) > _MAX_LISTED else "")
+    names = sorted(name for name in tables if NAME_PATTERN.fullmatch(name))
+    listed = ", ".join(names[:_MAX_LISTED])
+    if len(names) > _MAX_LISTED:
+        listed += ", ..."
     return Problem(where, f"no {kind} of this name", shown(name), listed, did_you_mean(name, names))
 
 
 def reference_problems(raw: Any, where: str, kind: str, name: Any) -> Iterator[Problem]:
     """A name that no table of this kind has, where there are any."""
-    known = named_tables(raw, kind)
-    if known and isinstance(name, str) and name not in known:
-        yield unknown_name(where, kind, name, known)
+    tables = named_tables(raw, kind)
+    if tables and isinstance(name, str) and name not in tables:
+        yield unknown_name(where, kind, name, tables)
 
 
 def face_problems(raw: Any, where: str, face: Any) -> Iterator[Problem]:
@@ -143,14 +145,12 @@ def face_problems(raw: Any, where: str, face: Any) -> Iterator[Problem]:
         return
     substructure, name = parsed
     if substructure not in substructures:
-        known = [f"{other}.{name}" for other in substructures]
+        faces = [f"{other}.{name}" for other in substructures]
         problem = unknown_name(where, "substructure", substructure, substructures)
         close = did_you_mean(substructure, substructures)
-        yield (
-            problem
-            if close is None
-            else Problem(where, problem.what, shown(face), problem.allowed, did_you_mean(face, known) or close)
-        )
+        if close is not None:
+            problem = Problem(where, problem.what, shown(face), problem.allowed, did_you_mean(face, faces) or close)
+        yield problem
     elif is_box(raw, substructure) and name not in (*BOX_FACES, ALL_OF_IT):
         yield Problem(
             where,
@@ -169,12 +169,12 @@ def is_box(raw: Any, substructure: str) -> bool:
 
 def exactly_one(table: RawTable, where: str, *keys: str) -> Iterator[Problem]:
     """Several of these keys given, or none of them."""
-    known, named = [f"{key!r}" for key in keys if given(table, key)], [f"{key!r}" for key in keys]
-    if len(known) != 1:
-        what = f"neither {' nor '.join(named)} is given"
-        if known:
-            what = f"both {known[0]} and {known[1]} are given"
-        yield Problem(where, what, None, f"exactly one of {', '.join(named[:-1])} and {named[-1]}")
+    choice, written = [f"{key!r}" for key in keys], [f"{key!r}" for key in keys if given(table, key)]
+    if len(written) != 1:
+        what = f"neither {' nor '.join(choice)} is given"
+        if written:
+            what = f"both {written[0]} and {written[1]} are given"
+        yield Problem(where, what, None, f"exactly one of {', '.join(choice[:-1])} and {choice[-1]}")
 
 
 def moves(value: object) -> bool:

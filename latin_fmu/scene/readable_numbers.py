@@ -30,13 +30,15 @@ def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, 
     """
     size = abs(largest)
     if unit.endswith(AS_G):
-        own = unit_size(unit.removesuffix(AS_G), ACCELERATION)
-        assert own is not None, unit
-        return GRAVITY / float(own), "g"
+        metric = unit_size(unit.removesuffix(AS_G), ACCELERATION)
+        assert metric is not None, unit
+        return GRAVITY / float(metric), "g"
     if not _takes_prefix(unit) or not math.isfinite(size) or size == 0.0:
         return 1.0, unit_text(unit, figure)
     # the prefix of kg belongs to the gram
-    gram, name = (1e3, unit.replace("kg", "g", 1)) if unit.split()[0] == "kg" else (1.0, unit)
+    gram, name = 1.0, unit
+    if unit.split()[0] == "kg":
+        gram, name = 1e3, unit.replace("kg", "g", 1)
     # 1 + 1e-12: 999.9999999999999 is a thousand
     power = 3 * math.floor(math.log10(size * gram * (1 + 1e-12)) / 3)
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))

@@ -63,13 +63,13 @@ class ColumnHead:
     Attributes
     ----------
     place : number of the column, from 1. title : its name, empty where it has none. unit : as written, empty where
-    there is none. known : the same as a scene names it, None where no scene does.
+    there is none. unit_name : the same as a scene names it, None where no scene does.
     """
 
     place: int
     title: str
     unit: str
-    known: str | None
+    unit_name: str | None
 
     def words(self) -> str:
         """The column in messages."""
@@ -140,14 +140,14 @@ def heads(table: NumberTable) -> tuple[ColumnHead, ColumnHead]:
     """What the header of a file says of the columns of times and of values."""
     lines = [line for line in table.header[-2:] if max(table.places) < len(line) <= table.width]
     along = table.places[0]
-    made = []
+    columns = []
     of_units = [line for line in lines if named_unit(_bare(line[along]), True) is not None]
     for i, place in enumerate(table.places):
         titles = [line[place] for line in lines if line not in of_units and line[place]]
         units = [_bare(line[place]) for line in of_units] + [_unit_in(title, i == 0) for title in titles]
         unit = next((u for u in units if u and _is_unit(u)), "")
-        made.append(ColumnHead(place + 1, titles[-1] if titles else "", unit, named_unit(unit, i == 0)))
-    return made[0], made[1]
+        columns.append(ColumnHead(place + 1, titles[-1] if titles else "", unit, named_unit(unit, i == 0)))
+    return columns[0], columns[1]
 
 
 def read_history(base_dir: Path, name: str, time_column: Column | None, column: Column | None) -> History:
@@ -164,12 +164,23 @@ def read_history(base_dir: Path, name: str, time_column: Column | None, column: 
         f = universal_history(base_dir, name, column)
         along = ColumnHead(f.number, "time", f.time_unit, named_unit(f.time_unit, True))
         return History(f.times, f.values, along, ColumnHead(f.number, f.name, f.unit, named_unit(f.unit, False)))
-    columns = None if time_column is None and column is None else [time_column or 1, column or 2]
+    columns = None
+    if time_column is not None or column is not None:
+        columns = [time_column or 1, column or 2]
     table = number_table(base_dir, name, columns)
     array = np.array(table.rows, dtype=np.float64).reshape(-1, 2)
     along, of = heads(table)
-    said = ("decimal comma",) if table.decimal_comma else ()
+    said: tuple[str, ...] = ()
+    if table.decimal_comma:
+        said = ("decimal comma",)
     return History(array[:, 0], array[:, 1], along, of, said)
+
+
+def _source(unit: object) -> str:
+    """Where a unit comes from that the scene writes, or does not."""
+    if unit is None:
+        return " by the header"
+    return ""
 
 
 def filled(data: Mapping[str, Any], base_dir: Path, system: UnitSystem) -> dict[str, Any]:
@@ -189,26 +200,29 @@ def filled(data: Mapping[str, Any], base_dir: Path, system: UnitSystem) -> dict[
         times, values = _placed(times, values, start, shift)
     words = [f"{history.of.words()} over {history.along.words()}", *history.remarks]
     if time_unit is not None:
-        words.append(f"times in {time_unit}" + (" by the header" if data.get("time_unit") is None else ""))
+        words.append(f"times in {time_unit}{_source(data.get('time_unit'))}")
     if value_unit is not None:
-        words.append(f"values in {value_unit}" + (" by the header" if data.get("value_unit") is None else ""))
+        words.append(f"values in {value_unit}{_source(data.get('value_unit'))}")
     words.append(f"{len(history.times)} samples")
     # a scene of pure numbers has no units that values could be in
-    named = (history.along.known or "", (history.of.known or "") if system.measurable else "")
+    of_values = ""
+    if system.measurable:
+        of_values = history.of.unit_name or ""
+    units = (history.along.unit_name or "", of_values)
     points = {"times": tuple(times.tolist()), "values": tuple(values.tolist())}
-    return {**data, **points, "header_units": named, "read_as": ", ".join(words)}
+    return {**data, **points, "header_units": units, "read_as": ", ".join(words)}
 
 
 def _time_unit(named: Any, head: ColumnHead) -> Any:
     """Unit of the times: that of the scene, else that of the header; None where neither names one."""
-    if head.unit and head.known is None:
+    if head.unit and head.unit_name is None:
         what = f"the header gives the times in {head.unit[:20]}, which is no unit of time"
         if named is None or isinstance(named, str):
             raise refusal(what, value=head.words(), remedy="name the column of the times: time_column")
     if named is None:
-        return head.known
-    if isinstance(named, str) and head.known is not None and named_unit(named, True) not in (None, head.known):
-        what = f"the header gives the times in {head.known}"
+        return head.unit_name
+    if isinstance(named, str) and head.unit_name is not None and named_unit(named, True) not in (None, head.unit_name):
+        what = f"the header gives the times in {head.unit_name}"
         remedy = "omit time_unit, or write the factor to s where the header is wrong"
         raise refusal(what, value=f'time_unit = "{named}"', remedy=remedy)
     return named
@@ -219,18 +233,18 @@ def _value_unit(named: Any, head: ColumnHead, system: UnitSystem) -> Any:
     if not system.measurable or (named is not None and not isinstance(named, str)):
         return named
     if named is None:
-        if not head.unit or (head.known is not None and factor(head.known, system) == 1.0):
-            return head.known
-        if head.known:
-            known = f'value_unit = "{head.known}", '
+        if not head.unit or (head.unit_name is not None and factor(head.unit_name, system) == 1.0):
+            return head.unit_name
+        if head.unit_name:
+            key = f'value_unit = "{head.unit_name}", '
         else:
-            known = ""
-        remedy = f'{known}the factor to the units of the scene, or "1" where the numbers are to be taken as they are'
+            key = ""
+        remedy = f'{key}the factor to the units of the scene, or "1" where the numbers are to be taken as they are'
         what = f"the header gives the values in {head.unit[:20]}, and the scene does not say what they are"
         raise refusal(what, value=head.words(), remedy=f"write {remedy}")
-    if head.known is not None and named != "1" and named_unit(named, False) not in (None, head.known):
-        what = f"the header gives the values in {head.known}"
-        remedy = f'value_unit = "{head.known}", another column, or the factor where the header is wrong'
+    if head.unit_name is not None and named != "1" and named_unit(named, False) not in (None, head.unit_name):
+        what = f"the header gives the values in {head.unit_name}"
+        remedy = f'value_unit = "{head.unit_name}", another column, or the factor where the header is wrong'
         raise refusal(what, value=f'value_unit = "{named}", {head.words()}', remedy=remedy)
     return named
 
@@ -252,7 +266,7 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
         found.append(f"samples are missing from {times[i]:.6g} s to {times[i + 1]:.6g} s{more}")
         values.append(f"an interval of {steps[i] / median:.3g} medians")
         remedies.append('gaps = "linear" takes straight lines there')
-    moved = shift - (float(times[0]) if start == "record" else 0.0)
+    moved = _moved(times, start, shift)
     first = float(times[0]) + moved
     before = int(np.count_nonzero(times + moved < -_BEFORE * median))
     if before and start != "cut":
@@ -266,11 +280,18 @@ def _check_axis(times: NDArray[np.float64], gaps: str, start: str, shift: float)
         raise refusal("; ".join(found), value=", ".join(values), remedy="; ".join(remedies))
 
 
+def _moved(times: NDArray[np.float64], start: str, shift: float) -> float:
+    """What the times of a record are moved by, s: by the shift, from its first sample where the run starts there."""
+    if start == "record":
+        return shift - float(times[0])
+    return shift
+
+
 def _placed(
     times: NDArray[np.float64], values: NDArray[np.float64], start: str, shift: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The record with t = 0 where the run has it; cut: with the value at t = 0 between the samples beside it."""
-    moved = times + (shift - (float(times[0]) if start == "record" else 0.0))
+    moved = times + _moved(times, start, shift)
     if start != "cut" or moved[0] >= 0.0:
         return moved, values
     inside = moved > 0.0

@@ -273,7 +273,10 @@ def reference_text() -> str:
                 need = "required"
             else:
                 need = "optional"
-            parts.append(_title(f"[{key}.NAME] ({need})" if is_named(field) else f"[{key}] ({need})"))
+            if is_named(field):
+                parts.append(_title(f"[{key}.NAME] ({need})"))
+            else:
+                parts.append(_title(f"[{key}] ({need})"))
             parts += [_table_text(table) for table in tables]
     for key, tables in inner_tables().items():
         parts.append(_title(f"{key} = {{...}}"))
@@ -309,11 +312,11 @@ def _with_texts(node: Any, measured: bool) -> Any:
     if not isinstance(node, dict):
         return node
     measured = measured or isinstance(node.get("unit"), str)
-    made = {key: _with_texts(value, measured) for key, value in node.items()}
+    schema = {key: _with_texts(value, measured) for key, value in node.items()}
     if not measured or node.get("type") != "number":
-        return made
-    number = {key: made.pop(key) for key in _OF_NUMBERS if key in made}
-    return {"anyOf": [number, _WITH_UNIT], **made}
+        return schema
+    number = {key: schema.pop(key) for key in _OF_NUMBERS if key in schema}
+    return {"anyOf": [number, _WITH_UNIT], **schema}
 
 
 def _title(text: str) -> str:

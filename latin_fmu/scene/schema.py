@@ -15,7 +15,7 @@ from .bolts import Bolt, bolt_problems, with_screws
 from .boundaries import Boundary, Periodic, boundary_problems
 from .damping import DampingTable
 from .describe import is_named, path_text, validation_problems
-from .fields import BodyName, Name, SceneTable, Text, about, split_face, units_in
+from .fields import BodyName, Name, SceneTable, Text, about, entry, split_face, units_in
 from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
@@ -70,7 +70,9 @@ def toml_value(value: Any) -> str:
     """One value on one line."""
     # before int, of which bool is a kind
     if isinstance(value, bool):
-        return "true" if value else "false"
+        if value:
+            return "true"
+        return "false"
     if isinstance(value, (int, float)):
         # the shortest text that is read back as the same number
         return repr(value)
@@ -95,19 +97,27 @@ def _with_numbers(root: type[BaseModel], raw: Any) -> tuple[Any, list[Problem]]:
     if not isinstance(raw, Mapping):
         return raw, []
     system = system_named(raw.get("units"))
-    made, misfits = in_scene_units(root, raw, system)
+    tables, misfits = in_scene_units(root, raw, system)
     problems = [Problem(path_text(m.place), m.what, m.value, m.allowed, m.remedy) for m in misfits]
     spread = flat(single_table(raw, "spread"))
     numbers: dict[str, Any] = {}
     for name, written in spread.items():
         many = isinstance(written, list | tuple)
-        found = [_spread_number(root, raw, name, item, system) for item in (written if many else [written])]
+        items = [written]
+        if many:
+            items = list(written)
+        found = [_spread_number(root, raw, name, item, system) for item in items]
         wrong = [misfit for _, misfits in found for misfit in misfits]
         problems += [Problem(f"spread.{name}", m.what, m.value, m.allowed, m.remedy) for m in wrong]
         if not wrong:
             values = [value for value, _ in found]
-            numbers[name] = values if many else values[0]
-    return (made if numbers == spread else {**made, "spread": numbers}), problems
+            if many:
+                numbers[name] = values
+            else:
+                numbers[name] = values[0]
+    if numbers != spread:
+        tables = {**tables, "spread": numbers}
+    return tables, problems
 
 
 def _spread_number(
@@ -121,7 +131,7 @@ def _spread_number(
 
 def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Problem]]:
     """The scene with the parts of its mesh files as substructures, by the reader that the context names."""
-    reader = context.get("with_parts") if isinstance(context, dict) else None
+    reader = entry(context, "with_parts")
     if reader is not None:
         written, problems = reader(raw, base_dir)
         return written, problems
@@ -133,18 +143,18 @@ def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Probl
 
 def _in_unknown_units(raw: Any, context: Any) -> list[Problem]:
     """Files with named units in a scene that is not in SI and not made by the reader, which hands its system on."""
-    own = system_named(raw.get("units") if isinstance(raw, Mapping) else None)
-    if own is units_in(context):
+    system = system_named(entry(raw, "units"))
+    if system is units_in(context):
         return []
-    remedy = "make the scene with load_scene or scene_from_dict"
-    return [
-        Problem(where, "units of files are not converted here", own.name, remedy=remedy) for where in _units_named(raw)
-    ]
+    what, remedy = "units of files are not converted here", "make the scene with load_scene or scene_from_dict"
+    return [Problem(where, what, system.name, remedy=remedy) for where in _units_named(raw)]
 
 
 def _units_named(raw: Any, where: str = "") -> Iterator[str]:
     """Keys of a scene as written that name units of files."""
-    for key, value in raw.items() if isinstance(raw, Mapping) else ():
+    if not isinstance(raw, Mapping):
+        return
+    for key, value in raw.items():
         if isinstance(value, Mapping):
             yield from _units_named(value, f"{where}{key}.")
         elif key in ("value_unit", "length_unit", "unit") and isinstance(value, str) and value != "1":
@@ -171,15 +181,17 @@ def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
 def _unit_problems(raw: Any) -> Iterator[Problem]:
     """Units of laws that are not those of what the law multiplies."""
     for where, law, unit in _laws(raw):
-        name = law.get("value_unit") if isinstance(law, Mapping) else None
-        own = si_unit(name) if isinstance(name, str) else None
-        if own not in (None, "1") and not system_named(raw.get("units")).measurable:
+        name = entry(law, "value_unit")
+        quantity = None
+        if isinstance(name, str):
+            quantity = si_unit(name)
+        if quantity not in (None, "1") and not system_named(raw.get("units")).measurable:
             yield Problem(
                 f"{where}.value_unit", "the numbers of the scene have no units", shown(name), "1, or a factor"
             )
             continue
-        if own is not None and unit is not None and own not in (unit, "1"):
-            what = f"{words_for(own)}, but the law multiplies {words_for(unit)}"
+        if quantity is not None and unit is not None and quantity not in (unit, "1"):
+            what = f"{words_for(quantity)}, but the law multiplies {words_for(unit)}"
             yield Problem(f"{where}.value_unit", what, shown(name), f"{names_for(unit)}, {names_for('1')}")
 
 
@@ -207,7 +219,9 @@ def _relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
 
 def faces_of(boundary: Boundary) -> tuple[str, ...]:
     """Faces that a boundary condition names."""
-    return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
+    if isinstance(boundary, Periodic):
+        return tuple(boundary.faces)
+    return (boundary.face,)
 
 
 class Scene(SceneTable):
@@ -287,7 +301,9 @@ class Scene(SceneTable):
         # first: Python does not print such integers, as the messages below would
         if oversized := [Problem(path_text(path), "too large for a number") for path in oversized_integers(raw)]:
             raise SceneError(oversized, _HEADING)
-        base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
+        base_dir = base_dir_of(info.context)
+        if isinstance(data, Scene):
+            base_dir = data.base_dir
         numbers, unreadable = _with_numbers(cls, raw)
         places = {problem.where for problem in unreadable}
         written, unread = _with_parts(numbers, base_dir, info.context)
@@ -295,7 +311,10 @@ class Scene(SceneTable):
         unreadable += [*unread, *_in_unknown_units(raw, info.context), *unmatched]
         try:
             completed = with_defaults(written)
-            scene = handler(data if completed is raw else completed)
+            if completed is raw:
+                scene = handler(data)
+            else:
+                scene = handler(completed)
         except ValidationError as error:
             problems = [p for p in validation_problems(cls, error, written) if p.where not in places]
             if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
@@ -310,7 +329,9 @@ class Scene(SceneTable):
         if problems:
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
-        scene._context = data._context if isinstance(data, Scene) else dict(info.context or {})
+        scene._context = dict(info.context or {})
+        if isinstance(data, Scene):
+            scene._context = data._context
         return scene
 
     def replace(self, key: str, value: Any) -> Self:
@@ -368,11 +389,12 @@ class Scene(SceneTable):
     @property
     def standing(self) -> list[str]:
         """What loads or moves bodies beside laws over time, in words."""
-        made = [f"bolt {name}" for name in self.bolt]
-        made += ["motion of all bodies"] if self.thrown else []
+        words = [f"bolt {name}" for name in self.bolt]
+        if self.thrown:
+            words += ["motion of all bodies"]
         # 1 m2: whether there is any
-        made += [f"preload of {name}" for name, joint in self.joints.items() if joint.initial_pressure(1.0)]
-        return made + [f"initial motion of {name}" for name, body in self.substructure.items() if body.initial_keys]
+        words += [f"preload of {name}" for name, joint in self.joints.items() if joint.initial_pressure(1.0)]
+        return words + [f"initial motion of {name}" for name, body in self.substructure.items() if body.initial_keys]
 
     @property
     def thrown(self) -> bool:
@@ -390,10 +412,10 @@ class Scene(SceneTable):
     @property
     def loads(self) -> dict[str, Load]:
         """Loads by name, and those that act through ports, by the names of ``Port.inputs``."""
-        own = dict(self.load)
+        loads = dict(self.load)
         for name, port in self.port.items():
-            own |= port.loads(name)
-        return own
+            loads |= port.loads(name)
+        return loads
 
     @property
     def differentiated(self) -> tuple[str, ...]:
@@ -409,7 +431,9 @@ class Scene(SceneTable):
     @property
     def distributions(self) -> dict[str, Distribution]:
         """Distributions of the numbers in ``spread``, by name."""
-        tables = self.tables() if self.spread else {}
+        tables = {}
+        if self.spread:
+            tables = self.tables()
         return {name: Distribution.of(number_at(tables, name) or 0.0, d) for name, d in self.spread.items()}
 
     def boundaries_of(self, substructure: str) -> dict[str, Boundary]:
@@ -419,8 +443,8 @@ class Scene(SceneTable):
     def temperatures_of(self, substructure: str) -> dict[str, Temperature]:
         """Changes of temperature of a substructure, by their names in ``force_laws``."""
         described = self.substructure[substructure]
-        own = [load for load in self.body_loads if load.kind.strains and load.acts_on(substructure, described)]
-        return {load.name: load.table for load in own}
+        temperatures = [load for load in self.body_loads if load.kind.strains and load.acts_on(substructure, described)]
+        return {load.name: load.table for load in temperatures}
 
     def ports_of(self, substructure: str) -> dict[str, Port]:
         """Ports on the faces of a substructure."""
@@ -430,7 +454,9 @@ class Scene(SceneTable):
     def joints(self) -> dict[str, Interface]:
         """Interfaces, and those that stand for springs and couplings, by name."""
         damped = any(interface.damping_ratios is not None for interface in self.interface.values())
-        return joints_of(self) if self.spring or self.coupling or damped else self.interface
+        if self.spring or self.coupling or damped:
+            return joints_of(self)
+        return self.interface
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""

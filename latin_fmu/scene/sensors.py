@@ -87,11 +87,13 @@ class Spectrum(SceneTable):
             count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9)
         else:
             count = -1
-        made = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
-        short = self.highest is not None and made and made[-1] < last * (1 - 1e-9) and len(made) < MAX_FREQUENCIES
+        centres = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
+        short = (
+            self.highest is not None and centres and centres[-1] < last * (1 - 1e-9) and len(centres) < MAX_FREQUENCIES
+        )
         if short:
-            return (*made, last)
-        return made
+            return (*centres, last)
+        return centres
 
 
 class Sensor(SceneTable):
@@ -218,7 +220,9 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
 
 def _filter(table: RawTable) -> ChannelClass | LowPass | None:
     """The filter that a table writes; None where it is wrong by itself."""
-    kind = ChannelClass if table.get("type", "cfc") == "cfc" else LowPass
+    kind: type[ChannelClass | LowPass] = LowPass
+    if table.get("type", "cfc") == "cfc":
+        kind = ChannelClass
     try:
         return kind.model_validate(table)
     except ValueError:

@@ -409,7 +409,7 @@ def _check_window(value: object) -> object:
         return value
     if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
         return value
-    remedy = did_you_mean(value, (WHOLE,)) if isinstance(value, str) else None
+    remedy = did_you_mean(value, (WHOLE,))
     raise refusal("not a window", value=value, allowed=f'an integer >= 1, or "{WHOLE}"', remedy=remedy)
 
 
@@ -560,7 +560,10 @@ def _output_problems(output: RawTable, units: object) -> Iterator[Problem]:
 def _accuracy_problems(raw: Any) -> Iterator[Problem]:
     """The owner of the quantity aimed at must exist."""
     quantity = single_table(raw, "accuracy").get("quantity")
-    owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
+    name = ""
+    if isinstance(quantity, str):
+        name = quantity
+    owner, _, key = name.rpartition(".")
     kind = QUANTITY_OWNERS.get(key, INTERFACE)
     owners = named_tables(raw, kind)
     if kind == INTERFACE and named_tables(raw, "contact"):
@@ -614,8 +617,8 @@ def with_defaults(raw: Any) -> Any:
     time, solver = single_table(raw, "time"), single_table(raw, "solver")
     if _is_static(raw) and not given(solver, "tolerance"):
         return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
-    own = given(time, "scheme") and chosen_type(time, "scheme") != "automatic"
-    if chosen_type(single_table(raw, "solver"), "propagator") != "explicit" or not time or own:
+    chosen = given(time, "scheme") and chosen_type(time, "scheme") != "automatic"
+    if chosen_type(single_table(raw, "solver"), "propagator") != "explicit" or not time or chosen:
         return raw
     return {**raw, "time": {**time, "scheme": CENTRAL}}
 
@@ -687,8 +690,10 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
     if scheme is not None and chosen_type(time, "scheme") != "automatic":  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "omit the scheme")
     start = time.get("start")
-    requested = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
-    if requested and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
+    start_type = start
+    if isinstance(start, dict):
+        start_type = start.get("type", "static")
+    if start_type == "static" and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
         yield _refused("time.start", "every step is an equilibrium already", start, "omit the start")
     motion = single_table(raw, "motion")
     if moves(motion.get("velocity")):

@@ -36,11 +36,14 @@ def flat(written: Any) -> Any:
     """Names with dots, which TOML reads as tables in tables, as one key each."""
     if not isinstance(written, Mapping):
         return written
-    made: dict[Any, Any] = {}
+    values: dict[Any, Any] = {}
     for key, value in written.items():
         inner = flat(value)
-        made |= {f"{key}.{name}": item for name, item in inner.items()} if isinstance(inner, dict) else {key: inner}
-    return made
+        if isinstance(inner, dict):
+            values |= {f"{key}.{name}": item for name, item in inner.items()}
+        else:
+            values[key] = inner
+    return values
 
 
 SpreadValue = Annotated[Real | Text | tuple[Real, Real], BeforeValidator(_check_spread)]
@@ -68,10 +71,12 @@ class Distribution:
             low, high = written
             # variance of a uniform distribution: (b - a)^2 / 12
             return Distribution(value, 0.5 * (low + high), (high - low) / 12.0**0.5, True)
-        match = _PER_CENT.fullmatch(written) if isinstance(written, str) else None
-        return Distribution(
-            value, value, float(written) if match is None else float(match[1]) / 100 * abs(value), False
-        )
+        share = None
+        if isinstance(written, str):
+            share = _PER_CENT.fullmatch(written)
+        if share is None:
+            return Distribution(value, value, float(written), False)
+        return Distribution(value, value, float(share[1]) / 100 * abs(value), False)
 
 
 def spread_problems(spread: Mapping[str, Any], tables: Mapping[str, Any]) -> Iterator[Problem]:

@@ -58,8 +58,10 @@ class StrainDamping:
         """Complex modulus (n,) over the static one at frequencies (n,), Hz."""
         turns = 2j * math.pi * np.asarray(frequencies, dtype=float)
         each = turns[..., None] * np.array(self.times)
-        made: NDArray[np.complex128] = 1.0 + self.viscosity * turns + (each / (1.0 + each)) @ np.array(self.strengths)
-        return made
+        modulus: NDArray[np.complex128] = (
+            1.0 + self.viscosity * turns + (each / (1.0 + each)) @ np.array(self.strengths)
+        )
+        return modulus
 
     def ratio(self, frequencies: Array) -> Array:
         """Damping ratio (n,) at frequencies (n,), Hz."""

@@ -23,6 +23,7 @@ from .fields import (
     Vector,
     _as_list,
     about,
+    entry,
     refusal,
 )
 from .initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
@@ -291,8 +292,7 @@ def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
             )
         if given(table, "modal_damping"):
             yield from _modal_problems(raw, where, table)
-        mesh = table.get("mesh")
-        file = mesh.get("file") if isinstance(mesh, dict) else None
+        file = entry(table.get("mesh"), "file")
         if isinstance(file, str) and not _is_file(base_dir, file):
             yield Problem(
                 f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
@@ -336,7 +336,8 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
         listed = text_list(table.get("substructures"))
         for i, body in enumerate(listed):
             where = f"temperature.{name}.substructures[{i}]"
-            yield from reference_problems(raw, where, "substructure", body) if body != ALL else ()
+            if body != ALL:
+                yield from reference_problems(raw, where, "substructure", body)
             if bodies.get(body, {}).get("rigid") is True:
                 yield Problem(where, "a rigid body does not expand", body, "elastic substructures", "omit it")
         if chosen_type(table, "law") == "input":
@@ -347,22 +348,23 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
                 "constant, table, csv and the laws of pulses",
                 "give its history as a table",
             )
-        for body, own in bodies.items():
-            material, heated = own.get("material"), not listed or ALL in listed or body in listed
-            if heated and own.get("rigid") is not True and isinstance(material, str):
+        for body, written in bodies.items():
+            material, heated = written.get("material"), not listed or ALL in listed or body in listed
+            if heated and written.get("rigid") is not True and isinstance(material, str):
                 unknown.setdefault(material, (name, body))
     for material, (name, body) in unknown.items():
-        own = materials.get(material, {})
-        turned = given(own, "orthotropic")
-        if turned:
-            key = "orthotropic.thermal_expansions"
+        properties = materials.get(material, {})
+        if given(properties, "orthotropic"):
+            key, allowed = "orthotropic.thermal_expansions", "list of 3 numbers [K-1]"
+            missing = not given(single_table(properties, "orthotropic"), "thermal_expansions")
         else:
-            key = "thermal_expansion"
-        if own and not given(single_table(own, "orthotropic") if turned else own, key.rpartition(".")[2]):
+            key, allowed = "thermal_expansion", "number [K-1]"
+            missing = not given(properties, key)
+        if properties and missing:
             yield Problem(
                 f"material.{material}.{key}",
                 f"temperature {name!r} acts on {body!r}, which has no coefficient of expansion",
                 None,
-                "list of 3 numbers [K-1]" if turned else "number [K-1]",
+                allowed,
                 "e.g. 11.7e-6 for steel, 23e-6 for aluminium; 0 for a body that does not expand",
             )

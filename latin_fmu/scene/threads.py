@@ -75,11 +75,13 @@ def thread_named(text: str) -> ThreadSize | None:
     size = found[1]
     count = int(found[2] or 0)
     series = found[3]
-    known = {name: table.get(size, 0) for name, table in (("UNC", _UNC), ("UNF", _UNF))}
-    if series is not None:
-        count = count or known[series]
+    counts = {name: table.get(size, 0) for name, table in (("UNC", _UNC), ("UNF", _UNF))}
     # without a series the number of threads has to be one of the two
-    if not count or count not in ((known[series],) if series is not None else known.values()):
+    allowed = tuple(counts.values())
+    if series is not None:
+        count = count or counts[series]
+        allowed = (counts[series],)
+    if not count or count not in allowed:
         return None
     if size.startswith("#"):
         inches = 0.06 + 0.013 * int(size[1:])

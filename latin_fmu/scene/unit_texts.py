@@ -164,7 +164,11 @@ def words_for(unit: str) -> str:
 
 def names_for(unit: str) -> str:
     """Names of units of the dimension of one of SI, for messages."""
-    return ", ".join(QUANTITIES[unit].names if unit in QUANTITIES else (unit,))
+    if unit in QUANTITIES:
+        names = QUANTITIES[unit].names
+    else:
+        names = (unit,)
+    return ", ".join(names)
 
 
 def is_unit(text: str) -> bool:
@@ -189,29 +193,31 @@ def _of(unit: str) -> UnitSize:
 def _product(text: str, gravity: bool) -> UnitSize | None:
     """A unit by its text, None where it is none."""
     above, *below = plain_unit(text).split("/")
-    made = _factors(above, gravity)
+    product = _factors(above, gravity)
     for part in below:
         bare = part.strip()
         found = _factors(bare, gravity)
         # W/m K: whether K is above or below the stroke depends on who writes it
-        if found is None or made is None or (_BETWEEN.search(bare) and not bare.startswith("(")):
+        if found is None or product is None or (_BETWEEN.search(bare) and not bare.startswith("(")):
             return None
-        made = made.times(found, -1)
-    return made
+        product = product.times(found, -1)
+    return product
 
 
 def _factors(text: str, gravity: bool) -> UnitSize | None:
     """A product without strokes, in brackets or not."""
-    bare, made = text.strip(), _ONE
+    bare, product = text.strip(), _ONE
     if bare.startswith("(") and bare.endswith(")"):
         bare = bare[1:-1].strip()
     for word in _BETWEEN.split(bare):
         match = _FACTOR.fullmatch(word)
-        found = None if match is None else _named(match[1] or "1", gravity)
+        found = None
+        if match is not None:
+            found = _named(match[1] or "1", gravity)
         if match is None or found is None:
             return None
-        made = made.times(found, int(match[2] or 1))
-    return made
+        product = product.times(found, int(match[2] or 1))
+    return product
 
 
 @lru_cache(maxsize=1024)
@@ -220,8 +226,9 @@ def _named(name: str, gravity: bool) -> UnitSize | None:
     if name in _BASES:
         return UnitSize(Fraction(1), tuple(int(name == base) for base in _BASES))
     if name == "g":
-        size, of = (Fraction(repr(GRAVITY)), "m s-2") if gravity else (Fraction("1e-3"), "kg")
-        return _of(of).times(UnitSize(size, _ONE.powers))
+        if gravity:
+            return _of("m s-2").times(UnitSize(Fraction(repr(GRAVITY)), _ONE.powers))
+        return _of("kg").times(UnitSize(Fraction("1e-3"), _ONE.powers))
     if name in _DEFINITIONS:
         written, of = _DEFINITIONS[name]
         return (_of(of) if of else _ONE).times(UnitSize(Fraction(written), _ONE.powers))

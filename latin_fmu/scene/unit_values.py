@@ -59,8 +59,8 @@ def value_in_scene_units(
     place = tuple(int(part) if part.isascii() and part.isdigit() else part for part in path.split("."))
     if any(isinstance(part, int) and part > _LONGEST for part in place):
         return value, []
-    made, misfits = in_scene_units(root, _alone(tables, place, value), system)
-    here: Any = made
+    converted, misfits = in_scene_units(root, _alone(tables, place, value), system)
+    here: Any = converted
     for part in place:
         here = here[part]
     return here, misfits
@@ -77,11 +77,17 @@ def _alone(tables: Any, place: Place, value: Any) -> Any:
         return value
     first, rest = place[0], place[1:]
     if isinstance(first, int):
-        there = tables[first] if isinstance(tables, list | tuple) and first < len(tables) else None
+        there = None
+        if isinstance(tables, list | tuple) and first < len(tables):
+            there = tables[first]
         return [*[None] * first, _alone(there, rest, value)]
     # "hht" is short for {type = "hht"}
-    known = {"type": tables} if isinstance(tables, str) else tables if isinstance(tables, Mapping) else {}
-    return {k: known[k] for k in _CHOOSING if k in known} | {first: _alone(known.get(first), rest, value)}
+    table: Mapping[str, Any] = {}
+    if isinstance(tables, str):
+        table = {"type": tables}
+    elif isinstance(tables, Mapping):
+        table = tables
+    return {k: table[k] for k in _CHOOSING if k in table} | {first: _alone(table.get(first), rest, value)}
 
 
 @dataclass(frozen=True)
@@ -122,9 +128,9 @@ class _Conversion:
             # most values of a scene are numbers and flags
             if owner is None or not isinstance(value, str | list | tuple | Mapping):
                 continue
-            made = self._of_key(owner, key, raw, (*place, key))
-            if made is not value:
-                changed[key] = made
+            converted = self._of_key(owner, key, raw, (*place, key))
+            if converted is not value:
+                changed[key] = converted
         if changed:
             return {**raw, **changed}
         return raw
@@ -140,9 +146,9 @@ class _Conversion:
             return self._value(_Key(owner, key, raw, unit), value, place, ())
         if not is_named(about) or not isinstance(value, Mapping):
             return self._tables(inner, value, place)
-        made = {name: self._tables(inner, item, (*place, name)) for name, item in value.items()}
-        if any(made[name] is not item for name, item in value.items()):
-            return made
+        converted = {name: self._tables(inner, item, (*place, name)) for name, item in value.items()}
+        if any(converted[name] is not item for name, item in value.items()):
+            return converted
         return value
 
     def _tables(self, inner: list[type[BaseModel]], value: Any, place: Place) -> Any:
@@ -151,9 +157,9 @@ class _Conversion:
             return self.table(inner, value, place)
         if not isinstance(value, list | tuple):
             return value
-        made = [self._tables(inner, item, (*place, i)) for i, item in enumerate(value)]
-        if any(new is not old for new, old in zip(made, value, strict=True)):
-            return made
+        converted = [self._tables(inner, item, (*place, i)) for i, item in enumerate(value)]
+        if any(new is not old for new, old in zip(converted, value, strict=True)):
+            return converted
         return value
 
     def _value(self, key: _Key, value: Any, place: Place, index: tuple[int, ...]) -> Any:
@@ -161,16 +167,18 @@ class _Conversion:
         if isinstance(value, list | tuple):
             if not any(isinstance(item, str | list | tuple) for item in value):
                 return value
-            made = [self._value(key, item, (*place, i), (*index, i)) for i, item in enumerate(value)]
-            if any(new is not old for new, old in zip(made, value, strict=True)):
-                return made
+            converted = [self._value(key, item, (*place, i), (*index, i)) for i, item in enumerate(value)]
+            if any(new is not old for new, old in zip(converted, value, strict=True)):
+                return converted
             return value
         if not isinstance(value, str) or not begins_as_number(value):
             return value
         found = number_in(value, key.unit_of(index), self.system)
         if isinstance(found, float):
             return found
-        allowed = key.allowed(index) if self.system.measurable else None
+        allowed = None
+        if self.system.measurable:
+            allowed = key.allowed(index)
         self.misfits.append(Misfit(place, found[0], shown(value), allowed, found[1]))
         return value
 
@@ -199,11 +207,11 @@ def number_in(text: str, unit: str, system: UnitSystem) -> float | tuple[str, st
             return float(number * size / system.exact_size(unit))
         except OverflowError:
             return "too large for a number", None
-    known = si_unit(name)
-    if known is None:
+    base = si_unit(name)
+    if base is None:
         return f"unknown unit {shown(name)}", did_you_mean(name, names_for(unit).split(", "))
     if name == "g":
         words = "an acceleration or a mass"
     else:
-        words = words_for(known)
+        words = words_for(base)
     return f"{words}, but the key takes {words_for(unit)}", None

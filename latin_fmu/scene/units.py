@@ -79,11 +79,11 @@ class UnitSystem:
         """What a unit of SI is called, both UDUNITS strings."""
         parts = []
         for name, power in _factors(unit):
-            own = self.names.get(name, name)
-            if own != "1":
+            text = self.names.get(name, name)
+            if text != "1":
                 # a name of two words, raised to a power, would raise the last one only
-                assert power == "1" or " " not in own, unit
-                parts.append(own if power == "1" else own + power)
+                assert power == "1" or " " not in text, unit
+                parts.append(text if power == "1" else text + power)
         return " ".join(parts) or "1"
 
     def __getitem__(self, unit: str) -> str:
@@ -127,7 +127,9 @@ class UnitSystem:
 
     def _size(self, name: str) -> Fraction:
         """Of one name of SI; 1 of one that is the same here, and of pure numbers."""
-        size = unit_size(self.names[name], name) if name in self.names else None
+        size = None
+        if name in self.names:
+            size = unit_size(self.names[name], name)
         if size is None:
             return Fraction(1)
         return size

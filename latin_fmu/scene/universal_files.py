@@ -190,15 +190,18 @@ def _function(number: int, lines: list[str], binary: bytes | None, units: str) -
     if data not in _REAL or not 2 <= count <= _MOST_VALUES:
         value = f"function of time {number}"
         raise refusal("a damaged dataset 58", value=value, allowed="real numbers, two or more")
-    numbers = _numbers(number, lines[_HEAD_LINES:], binary, data, count * (1 if even else 2))
-    times: Array = np.asarray(first + step * np.arange(count) if even else numbers[::2])
     if even:
-        values = numbers
+        values = _numbers(number, lines[_HEAD_LINES:], binary, data, count)
+        times: Array = np.asarray(first + step * np.arange(count))
     else:
+        numbers = _numbers(number, lines[_HEAD_LINES:], binary, data, 2 * count)
+        times = np.asarray(numbers[::2])
         values = numbers[1::2]
     names = [_label(lines[7]), _label(lines[8])]
     time_unit = names[0] or "s"
-    unit = names[1] or (_SI.get(ordinate, "") if units in ("", "SI") and units else units)
+    if units == "SI":
+        units = _SI.get(ordinate, "")
+    unit = names[1] or units
     if direction < 0:
         sign = "-"
     else:

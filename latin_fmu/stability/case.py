@@ -60,7 +60,9 @@ class Bench:
 
     def solve(self, description: Description, counted: bool = True) -> Solution:
         """Solution of a description, converged or not; ``counted``: its iterations go into the row."""
-        budget = None if self.end is None else max(self.end - time.process_time(), 0.0)
+        budget = None
+        if self.end is not None:
+            budget = max(self.end - time.process_time(), 0.0)
         # a description serves several runs, and the reader may change it
         solution = solve(scene_from_dict(copy.deepcopy(description)), max_cpu=budget)
         if solution.interrupted:
@@ -156,20 +158,29 @@ def run_case(case: Case, end: float | None = None) -> CaseResult:
     counts = bench.iterations
     nearest = max(measures, key=lambda m: m.margin, default=None)
     passed = bool(measures) and all(m.passed for m in measures)  # a case without measures has shown nothing
+    expected = case.expectation
+    if limits:
+        expected = f"{expected}: {limits}"
+    mean = 0.0
+    if counts:
+        mean = sum(counts) / len(counts)
+    closest = failure
+    if nearest is not None:
+        closest = f"{nearest.what} {nearest.value:.3g} <= {nearest.limit:.3g}"
     return CaseResult(
         case=case.name,
         family=case.family,
-        expected=f"{case.expectation}: {limits}" if limits else case.expectation,
+        expected=expected,
         measured=failure or "; ".join(f"{m.value:.3g}" for m in measures),
         passed=passed,
         margin=max((m.margin for m in measures), default=math.inf),
         iterations=max(counts, default=0),
-        mean_iterations=sum(counts) / len(counts) if counts else 0.0,
+        mean_iterations=mean,
         fallbacks=bench.fallbacks,
         seconds=time.perf_counter() - start,
         # a case that holds again is not marked
         known_fault=bool(case.fault) and not passed,
-        nearest=failure if nearest is None else f"{nearest.what} {nearest.value:.3g} <= {nearest.limit:.3g}",
+        nearest=closest,
     )
 
 
@@ -179,7 +190,9 @@ def run_suite(
     """Rows of all cases, in their order; ``report`` is called with each. After ``max_cpu`` seconds of CPU time the case
     that runs is given up, and those after it are left out."""
     rows: list[CaseResult] = []
-    end = None if max_cpu is None else time.process_time() + max_cpu
+    end = None
+    if max_cpu is not None:
+        end = time.process_time() + max_cpu
     for case in cases:
         if end is not None and time.process_time() >= end:
             break

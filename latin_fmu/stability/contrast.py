@@ -105,7 +105,11 @@ def _blocks(what: str, ratio: float, friction: float, bench: Bench) -> list[Meas
 def _lengths(ratio: float, bench: Bench) -> list[Measure]:
     material, elements = Material(), 20
     short = bar(material, 1.0 / ratio, elements, 1.0)
-    long = bar(material, 1.0, round(4 * ratio) if ratio > 10 else elements * round(ratio))
+    if ratio > 10:
+        number = round(4 * ratio)
+    else:
+        number = elements * round(ratio)
+    long = bar(material, 1.0, number)
     step = 1.0 / ratio / elements
     solution = bench.converged(two_boxes(short, long, step, 3 * elements))
     # the wave is back from the free end after two transits of the short bar

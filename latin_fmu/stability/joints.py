@@ -397,7 +397,10 @@ def _front(scheme: str, bench: Bench) -> list[Measure]:
         late = max(late, abs(missing) * ELEMENTS)
         off = max(off, abs(float(force[time > i + 3.0].mean()) - 1.0))
         apart = max(apart, distance(force, pressure_force(bonded, f"i{i}")))
-    same = [Measure("force off that of bonded bars by", apart, 1e-2)] if scheme == "hht" else []  # the same masses
+    # the same masses
+    same = []
+    if scheme == "hht":
+        same = [Measure("force off that of bonded bars by", apart, 1e-2)]
     return [*same, Measure("front late by steps", late, 0.6), Measure("mean pressure behind it off by", off, 1e-3)]
 
 

@@ -65,6 +65,15 @@ FAMILIES: Mapping[str, tuple[str, str]] = MappingProxyType(
 """What a family of cases varies, and where its limits come from."""
 
 
+def _nearness(row: CaseResult) -> float:
+    """Order of cases by how near they are to their limits; a fault that is known does not stand for its family."""
+    if row.passed:
+        return row.margin
+    if row.known_fault:
+        return -1.0
+    return math.inf
+
+
 def as_json(rows: Sequence[CaseResult]) -> str:
     """One list of objects with family, case, expectation with every limit, measured values, the largest of them over
     its limit (null where it is not finite), whether the case holds, iterations, fall-backs and seconds."""
@@ -86,7 +95,9 @@ def verdict(rows: Sequence[CaseResult], left_out: int = 0) -> str:
     seconds = sum(row.seconds for row in rows)
     sentence = f"{len(rows) - len(failed)} of {len(rows)} hard cases hold ({seconds:.0f} s)"
     sentence += f"; stopped by the limit of CPU time: {left_out} cases omitted" * bool(left_out)
-    return sentence + (f"; failed: {'; '.join(failed)}" if failed else "")
+    if failed:
+        sentence += f"; failed: {'; '.join(failed)}"
+    return sentence
 
 
 def as_markdown(
@@ -108,8 +119,7 @@ def as_markdown(
     ]
     for family in dict.fromkeys(row.family for row in rows):
         members = [row for row in rows if row.family == family]
-        # a fault that is known does not stand for its family
-        near = max(members, key=lambda row: row.margin if row.passed else -1.0 if row.known_fault else math.inf)
+        near = max(members, key=_nearness)
         varied, limits = FAMILIES.get(family, ("", ""))
         mean = sum(row.mean_iterations for row in members) / len(members)
         parts.append(
@@ -143,7 +153,10 @@ def stability_figure(rows: Sequence[CaseResult]) -> Figure:
     place = np.zeros(len(rows))
     for line, family in enumerate(families):
         members = [i for i, row in enumerate(rows) if row.family == family]
-        place[members] = line + np.linspace(-0.32, 0.32, len(members)) if len(members) > 1 else line
+        if len(members) > 1:
+            place[members] = line + np.linspace(-0.32, 0.32, len(members))
+        else:
+            place[members] = line
     _margins(margins, rows, place)
     _counts(counts, rows, place)
     margins.set_yticks(range(len(families)), families, fontsize=8)

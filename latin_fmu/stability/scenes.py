@@ -212,7 +212,10 @@ EDGE, PRESSURE = 0.01, 200e6
 def press(friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any) -> Description:
     """Steel block on aluminium block crushed by a half-sine pressure of 10 us; the base slides and stays down."""
     # planes of symmetry at x = 0 and y = 0
-    side, count = (EDGE, elements) if quarter else (2 * EDGE, 2 * elements)
+    if quarter:
+        side, count = EDGE, elements
+    else:
+        side, count = 2 * EDGE, 2 * elements
     low, up = (Box(m, (side, side, EDGE), (count, count, elements)) for m in (ALUMINIUM, STEEL))
     scene = two_boxes(low, up, 30e-6 / instants, instants, friction, **solver)
     _crush(scene, quarter)

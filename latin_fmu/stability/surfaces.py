@@ -71,7 +71,11 @@ def write_mesh(file: Path, mesh: Mesh, place: Callable[[Array], Array] | None = 
     """Volume group "body" and the faces as surface groups; ``place`` moves the nodes."""
     faces = {name: (2, [(b.kind, b.facets) for b in face.blocks]) for name, face in mesh.faces.items()}
     body = {"body": (3, [(b.cell_type, b.cells) for b in mesh.blocks])}
-    write_gmsh(file, mesh.nodes if place is None else place(mesh.nodes), {**body, **faces})
+    if place is None:
+        places = mesh.nodes
+    else:
+        places = place(mesh.nodes)
+    write_gmsh(file, places, {**body, **faces})
 
 
 def turned(axis: Array, degrees: float) -> Array:

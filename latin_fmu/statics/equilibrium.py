@@ -66,14 +66,12 @@ class Equilibrium:
                 closure[unit.name] = np.where(pressed, gaps[id(group)][group.members[i]], 0.0)
         windows = run.windows
         message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
-        remarks = (
-            ()
-            if tolerance <= _UNSEEN
-            else (
+        remarks: tuple[str, ...] = ()
+        if tolerance > _UNSEEN:
+            remarks = (
                 f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
                 "the residual forces excite vibrations; reduce solver.tolerance, or refine the mesh at contacts",
             )
-        )
         return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)
 
 

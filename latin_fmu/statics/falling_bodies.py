@@ -224,7 +224,9 @@ def _inertia(
         for load in model.loads:
             if load.name and load.name in problem.scene.force_laws and load.name not in straining_loads(problem.scene):
                 part = motions[name].T @ load.pattern
-                work[load.name] = part if load.name not in work else work[load.name] + part
+                if load.name in work:
+                    part = work[load.name] + part
+                work[load.name] = part
     accelerations = {load: np.asarray(la.solve(inertia, f, assume_a="pos")) for load, f in work.items()}
     return {
         name: [LoadTerm(load, -np.asarray(momenta[name] @ a)) for load, a in accelerations.items()] for name in members

@@ -182,7 +182,9 @@ class LimitLoad:
         columns, free = list[Array](), list[bool]()
         for point, chosen in zip(self.points, directions, strict=True):
             # without a cone, mu = 0: the pressure alone
-            generators = [(point.pressure, point.tied)] if not chosen else []
+            generators = []
+            if not chosen:
+                generators = [(point.pressure, point.tied)]
             generators += [(point.pressure + point.mu * (d @ point.friction), False) for d in chosen]
             if np.isinf(point.mu):
                 # nothing slides: friction of either sign, without bound
@@ -275,7 +277,10 @@ def _located(problem: DiscretisedProblem, limit: LimitLoad, before: int, corner:
     while high - low > 1:
         middle = (low + high) // 2
         balanced = limit.largest(path[before], path[middle])[0] >= 1.0 - _EXACT
-        low, high = (middle, high) if balanced else (low, middle)
+        if balanced:
+            low, high = middle, high
+        else:
+            low, high = low, middle
     s, motion = limit.largest(path[low], path[high])
     if s >= 1.0 - _EXACT or s < 0.0:
         return None

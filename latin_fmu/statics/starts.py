@@ -87,8 +87,8 @@ def undisplaced_equilibrium(
         return known.again("start", data, lambda: solved_equilibrium(discretised, amplitudes, None, operators))
     name = store.name("start", *start_data(discretised, amplitudes))
     # a state of a few numbers may have taken minutes
-    made = store.remember(name, lambda: state_arrays(solved_equilibrium(discretised, amplitudes, None)), smallest=0)
-    return state_of(made)
+    arrays = store.remember(name, lambda: state_arrays(solved_equilibrium(discretised, amplitudes, None)), smallest=0)
+    return state_of(arrays)
 
 
 def _own_law(unit: InterfaceUnit) -> bool:
@@ -103,17 +103,21 @@ def solved_equilibrium(
     kept: Kept | None = None,
 ) -> InitialState | None:
     """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
-    own: Kept = {} if kept is None else kept
-    tight = fitted(discretised, own, stages) if fits(discretised.units) else None
+    operators: Kept = {}
+    if kept is not None:
+        operators = kept
+    tight = None
+    if fits(discretised.units):
+        tight = fitted(discretised, operators, stages)
     if discretised.cuts:
-        tight = tightened(discretised, own, stages, tight)
-    state = static_state(discretised, amplitudes, tight, own, stages)
+        tight = tightened(discretised, operators, stages, tight)
+    state = static_state(discretised, amplitudes, tight, operators, stages)
     # without inertia the places follow from increment to increment
     if state is not None and not discretised.scene.time.quasi_static:
         state = least_displaced(discretised, state, static_size(discretised, amplitudes))
     if stages is not None or kept is not None:
         return state
-    own.clear()
+    operators.clear()
     # runs and their images refer to each other: without this the static factors stay beside those of the march
     if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:
         gc.collect()

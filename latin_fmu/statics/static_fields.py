@@ -87,7 +87,9 @@ def static_problem_at_once(discretised: DiscretisedProblem, start: InitialState 
     """
     march = static_march(discretised, start, static_assembly(discretised))
     _, assembly, timeline = standing_bodies(discretised, start, QuasiStatic())
-    warnings = (*discretised.remarks, *(() if start is None else remarks_of("start", start.remarks)))
+    warnings = tuple(discretised.remarks)
+    if start is not None:
+        warnings += tuple(remarks_of("start", start.remarks))
     about = warnings, timeline, start, discretised.scheme_in_words, dict[str, str]()
     return ready(discretised, assembly, about, StaticRun(march, assembly, start))
 
@@ -148,11 +150,15 @@ class DisplacementHistories:
         moved = self.full(slice(None), 0, slice(None)).T
         loads = np.stack([march.load(t) for t in range(n)], axis=1)
         tractions = march.bonds.tractions(self.march.tied.model.stiffness @ moved - loads - others(slice(None)))
-        start = {} if self.march.start is None else self.march.start.traction
+        start: Mapping[str, Array] = {}
+        if self.march.start is not None:
+            start = self.march.start.traction
         for i, traction in tractions.items():
             name = march.problem.units[i].name
             # loads come with the first increment
-            traction[0] = start[name].ravel() if name in start else 0.0
+            traction[0] = 0.0
+            if name in start:
+                traction[0] = start[name].ravel()
         return tractions
 
 

@@ -111,7 +111,9 @@ def static_march(
     ------
     SolverError : bodies that nothing holds.
     """
-    cache: list[tuple[float, object]] = [] if operators is None else operators.setdefault(whole.key, [])
+    cache: list[tuple[float, object]] = []
+    if operators is not None:
+        cache = operators.setdefault(whole.key, [])
     joined = bool(whole.relative)  # else a matrix without interfaces
     one = StaticPropagator([whole.model], problem.dt, problem.scene.output.energy, whole.springs, cache, joined)
     channels = whole.channels
@@ -127,9 +129,12 @@ def static_march(
     assembly.rest_traction = -1.0
     if start is not None:
         start.hand_over(assembly)
-    timeline = problem.timeline_with(TightBolts() if start is None else start.bolts)
+    bolts, displacement = TightBolts(), dict[str, Array]()
+    if start is not None:
+        bolts, displacement = start.bolts, dict(start.displacement)
+    timeline = problem.timeline_with(bolts)
     one.begin([joined_histories(problem, timeline, whole.models, whole.model)], problem.dt)
-    _displace(whole, one, {} if start is None else start.displacement)
+    _displace(whole, one, displacement)
     ground = timeline.ground(problem.units, problem.time)
     velocity = {j: ground.get(i, np.zeros((len(problem.time), 3))) for j, i in enumerate(whole.relative)}
     still = {j: GroundState(np.zeros(3), None) for j in range(len(whole.relative))}

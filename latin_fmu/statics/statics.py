@@ -207,7 +207,10 @@ def static_state(
         return replace(tight, amplitudes=dict(amplitudes))
     discretised = static_problem(whole, scene)
     found, state = _solved_start(whole, discretised, amplitudes, tight, operators, stages is not None)
-    size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
+    size = static_size(whole, amplitudes)
+    before: Mapping[str, Array] = {}
+    if tight is not None:
+        before = tight.traction
     closed = closed_by_strains(whole, before, state.traction, PRESSED * size)
     if loose := closed or held_by_friction_alone(whole, before, state.traction, PRESSED * size):
         other = static_problem(whole, scene, without=loose)
@@ -311,7 +314,9 @@ def static_problem(
     conditions = with_place(groups, bodies, held_in_place(falling, conditions), units)
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
     cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
-    operators = whole.kept if whole.kept is not None and whole.kept.compared else None
+    operators = None
+    if whole.kept is not None and whole.kept.compared:
+        operators = whole.kept
     problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, operators).with_classes(moved)
     return at_rest(relieved(problem, falling, moved))
 
@@ -339,7 +344,9 @@ def loose_bolts(
         motions, rigid = {}, {name: allowed_motions(bodies[name], conditions[name]) for name in still}
         for name in still:
             jumps = [cut.motion for cut in group if cut.table.substructure == name]
-            more = np.stack(jumps, axis=1) if jumps else None
+            more = None
+            if jumps:
+                more = np.stack(jumps, axis=1)
             motions[name] = allowed_motions(bodies[name], conditions[name], more)
         apart = _pulled_apart(motions, rigid, units)
         moved = [n for n, u in apart.items() if np.abs(u).max(initial=0.0) > _MOVES]
@@ -425,7 +432,10 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
             amplitude = _at_start(load.name, load.law, amplitudes)
         else:
             amplitude = 0.0
-        load.kind.at_rest(data, load.of, still, _raised(amplitude) if amplitude else None)
+        raised = None
+        if amplitude:
+            raised = _raised(amplitude)
+        load.kind.at_rest(data, load.of, still, raised)
     if not loaded:
         data["load"] = {}
         for boundary in data["boundary"].values():
