@@ -11,8 +11,6 @@ which are rows of the motion, exact and as cheap as a sensor.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -22,8 +20,6 @@ from .bond_forces import BondForces
 from .recovered_fields import Motions, RecoveredRecorder
 from .reduced_run import ReducedMarch
 from .tied_assembly import DAMPING, MASS, STIFFNESS
-
-_NONE: Final = 1e-300  # largest entry of rows that are not followed
 
 
 def follows_resultants(march: ReducedMarch) -> bool:
@@ -92,7 +88,7 @@ def _internal(motions: Motions, rows: sp.csr_array) -> Array:
     parts += [(DAMPING, [*tied.where]), (MASS, [*tied.where])]
     for kind, names in parts:
         products = tied.rows_times(kind, rows, names)
-        if abs(products).max() <= _NONE:
+        if not products.count_nonzero():
             continue
         moved = motions.sensed(products)
         if kind == STIFFNESS:
