@@ -232,8 +232,10 @@ def _word(number: int | float) -> bytes:
 def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str, int]) -> list[int | float]:
     # below 0: the size is the value of a variable
     sizes = [size if isinstance(size, int) else -1 - references[size] for size in variable.dimensions]
+    # words of other bits: the place of a text is a whole number
+    start: int | float
     if variable.kind == "string":
-        start = float(texts.place(str(variable.start or "")))
+        start = texts.place(str(variable.start or ""))
     else:
         start = float(variable.start or 0.0)
     kind = _ROLES.index(role[0])
