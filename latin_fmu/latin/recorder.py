@@ -379,9 +379,7 @@ class Recorder:
         histories = {}
         for name, bolt in self.request.bolts.items():
             q = bolt.description.plastic_elongation
-            if q is None:
-                q = None
-            else:
+            if q is not None:
                 q = q[: self.n_kept]
             histories[name] = replace(bolt.description, force=forces[name], plastic_elongation=q)
         return histories
