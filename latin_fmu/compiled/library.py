@@ -57,18 +57,24 @@ def sources_of(package: Path) -> list[Path]:
     """Source files with kernels and all of the package that they import when they are loaded, but for those of a
     docstring alone: what they compute depends on these."""
     sources: set[Path] = set()
+    seen: set[Path] = set()
     todo = kernel_sources(package)
     while todo:
         source = todo.pop()
-        if source not in sources:
-            sources.add(source)
-            todo += _imported(package, source)
+        if source in seen:
+            continue
+        seen.add(source)
+        tree = ast.parse((package / source).read_bytes())
+        if len(tree.body) == 1 and ast.get_docstring(tree) is not None:
+            continue
+        sources.add(source)
+        todo += _imported(package, source, tree)
     return sorted(sources)
 
 
-def _imported(package: Path, source: Path) -> Iterable[Path]:
-    """Modules of the package that a module imports from (under an ``if`` too), relative to it."""
-    for node in ast.walk(ast.parse((package / source).read_bytes())):
+def _imported(package: Path, source: Path, tree: ast.Module) -> Iterable[Path]:
+    """Modules of the package that the module ``source`` imports from (under an ``if`` too), relative to it."""
+    for node in ast.walk(tree):
         # modules of the package import each other relatively
         if not isinstance(node, ast.ImportFrom) or not node.level:
             continue
@@ -76,14 +82,8 @@ def _imported(package: Path, source: Path) -> Iterable[Path]:
         # what is imported may be a module itself
         for path in (base, *(base / alias.name for alias in node.names)):
             for file in (path.with_suffix(".py"), path / "__init__.py"):
-                if (package / file).is_file() and _computes(package / file):
+                if (package / file).is_file():
                     yield file
-
-
-def _computes(file: Path) -> bool:
-    """Whether a module is more than the docstring of a folder."""
-    tree = ast.parse(file.read_bytes())
-    return len(tree.body) != 1 or ast.get_docstring(tree) is None
 
 
 def digest_of(package: Path, sources: Iterable[Path], more: str = "") -> str:

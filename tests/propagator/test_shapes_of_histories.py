@@ -1,10 +1,10 @@
-"""Shapes that hold the histories of relative motions (``recovered_fields.compressed``)."""
+"""Shapes that hold the histories of relative motions (``reduced_assembly.compressed``)."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from latin_fmu.joined.recovered_fields import _EXACT, compressed
+from latin_fmu.joined.reduced_assembly import _EXACT, compressed
 
 
 def histories(seed: int) -> np.ndarray:
@@ -17,10 +17,10 @@ def histories(seed: int) -> np.ndarray:
 
 def test_shapes_hold_every_instant_and_are_hardly_more_than_the_fewest() -> None:
     given = histories(3)
-    shapes = compressed(given)
+    size = np.linalg.norm(given, axis=1).max()
+    shapes = compressed(given, size)
     np.testing.assert_allclose(shapes.T @ shapes, np.eye(shapes.shape[1]), atol=1e-12)
     left = given - (given @ shapes) @ shapes.T
-    size = np.linalg.norm(given, axis=1).max()
     assert np.linalg.norm(left, axis=1).max() <= _EXACT * size
     u, s, _ = np.linalg.svd(given, full_matrices=False)
     tails = np.sqrt(np.cumsum(((u * s) ** 2)[:, ::-1], axis=1)[:, ::-1]).max(axis=0)
@@ -29,5 +29,5 @@ def test_shapes_hold_every_instant_and_are_hardly_more_than_the_fewest() -> None
 
 
 def test_nothing_moves() -> None:
-    assert compressed(np.zeros((5, 6))).shape == (6, 0)
-    assert compressed(np.zeros((5, 0))).shape == (0, 0)
+    assert compressed(np.zeros((5, 6)), 0.0).shape == (6, 0)
+    assert compressed(np.zeros((5, 0)), 0.0).shape == (0, 0)
