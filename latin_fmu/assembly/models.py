@@ -72,7 +72,7 @@ class KeptOperators:
         """The part of this name of the scene solved last, where the same was ``given`` for it: objects of the scene or
         arrays that are equal, others that are the same. Else what ``make`` returns, kept for the next scene."""
         known = self._parts.get(name)
-        if known is None or len(known[0]) != len(given) or not all(map(_same, known[0], given)):
+        if known is None or len(known[0]) != len(given) or not all(map(same, known[0], given)):
             self._parts[name] = known = given, make()
         part: Made = known[1]
         return part
@@ -112,7 +112,7 @@ class KeptOperators:
 
 def same_operators(first: SubstructureModel, second: SubstructureModel) -> bool:
     """Whether all matrices of two models are equal to the last bit."""
-    return all(map(_same, operator_parts(first), operator_parts(second)))
+    return all(map(same, operator_parts(first), operator_parts(second)))
 
 
 def operator_parts(model: SubstructureModel) -> list[Any]:
@@ -120,7 +120,8 @@ def operator_parts(model: SubstructureModel) -> list[Any]:
     return [getattr(model, f.name) for f in fields(SubstructureModel) if f.name not in _OWN]
 
 
-def _same(a: Any, b: Any) -> bool:
+def same(a: Any, b: Any) -> bool:
+    """Whether two parts of a model are equal to the last bit; objects of other kinds where they are the same object."""
     if a is b:
         return True
     if isinstance(a, sp.csr_array) and isinstance(b, sp.csr_array):
@@ -129,9 +130,9 @@ def _same(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
     if isinstance(a, FaceStiffness) and isinstance(b, FaceStiffness):
-        return all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(FaceStiffness))
+        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(FaceStiffness))
     if isinstance(a, list) and isinstance(b, list):
-        return len(a) == len(b) and all(map(_same, a, b))
+        return len(a) == len(b) and all(map(same, a, b))
     return type(a) is type(b) and isinstance(a, _COMPARED) and bool(a == b)
 
 

@@ -38,6 +38,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from ..assembly.models import same
 from ..cholesky.factor import CholeskyFactor, InsideFactor
 from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
@@ -61,7 +62,6 @@ _OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "beyond", "of_bodies"
 _EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
 _COLUMNS: Final = 40  # that are solved together: vectors of all dofs
-_MOST_FOLLOWED: Final = 400  # shapes of runs before beyond which they are looked for anew
 _MOST_ROWS: Final = 8  # groups of rows whose responses are kept
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
@@ -87,33 +87,24 @@ class StaticSolver:
         self._factor = InsideFactor(supported(tied.stiffness, supports), last, tied.rank)
         self.relative = self._factor.schur
         self._n_relative = size
-        self._followed = np.zeros((size, 0)), np.zeros((n, 0))
         self._rows: list[tuple[sp.csr_array, Array]] = []
 
     def transposed(self, rows: sp.csr_array) -> Array:
         """A K+ (k, n_free) of rows A (k, n_free): K+ is symmetric. Those of runs before are taken again."""
         for before, found in self._rows:
-            if _equal(before, rows):
+            if same(before, rows):
                 return found
         found = np.asarray(self.solve(rows.T.toarray()).T)
         self._rows = [*self._rows[-_MOST_ROWS:], (rows, found)]
         return found
 
     def spanning(self, histories: Array, coupling: sp.csr_array) -> tuple[Array, Array]:
-        """Orthonormal shapes (n_r, k) whose span holds relative motions (n_time, n_r) as ``compressed`` ones do, and
-        the static responses (n_free, k) to them without their inertia relief; ``coupling`` : K_qr.
-
-        Those of the runs before are taken again: relative motions of neighbours lie nearly in one space."""
-        shapes, responses = self._followed
-        if shapes.shape[1] > _MOST_FOLLOWED:
-            shapes, responses = shapes[:, :0], responses[:, :0]
-        size = np.linalg.norm(histories, axis=1).max(initial=0.0)
-        new = compressed(histories - (histories @ shapes) @ shapes.T, size)
-        blocks = [new[:, at : at + _COLUMNS] for at in range(0, new.shape[1], _COLUMNS)]
+        """Shapes (n_r, k) of relative motions (n_time, n_r) as ``compressed`` finds them, and the static responses
+        (n_free, k) to them without their inertia relief; ``coupling`` : K_qr."""
+        shapes = compressed(histories)
+        blocks = [shapes[:, at : at + _COLUMNS] for at in range(0, shapes.shape[1], _COLUMNS)]
         solved = [self.solve(-np.asarray(coupling @ block)) for block in blocks]
-        self._followed = shapes, responses = np.hstack([shapes, new]), np.hstack([responses, *solved])
-        turn = fewest(histories, shapes, size)
-        return shapes @ turn, responses @ turn
+        return shapes, np.hstack([np.zeros((coupling.shape[0], 0)), *solved])
 
     def solve(self, forces: Array) -> Array:
         """Responses (n_free, m) to forces (n_free, m)."""
@@ -123,18 +114,11 @@ class StaticSolver:
         return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
 
 
-def _equal(first: sp.csr_array, second: sp.csr_array) -> bool:
-    """Whether two matrices have the same entries in the same order."""
-    if first.shape != second.shape or first.nnz != second.nnz:
-        return False
-    parts = (first.indptr, second.indptr), (first.indices, second.indices), (first.data, second.data)
-    return all(np.array_equal(one, other) for one, other in parts)
-
-
-def compressed(histories: Array, size: float) -> Array:
-    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of ``size``: a
+def compressed(histories: Array) -> Array:
+    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of the largest: a
     span found by random sums of what is left, and of it the fewest shapes that do."""
     rest, found = histories.copy(), list[Any]()
+    size = np.linalg.norm(rest, axis=1).max(initial=0.0)
     random = np.random.default_rng(0)  # the same shapes every time
     while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
         rank = sum(shape.shape[1] for shape in found)
@@ -148,21 +132,13 @@ def compressed(histories: Array, size: float) -> Array:
         found.append(new)
         rest -= (rest @ new) @ new.T
     shapes = np.hstack([np.zeros((histories.shape[1], 0)), *found])
-    return np.asarray(shapes @ fewest(histories, shapes, size))
-
-
-def fewest(histories: Array, shapes: Array, size: float) -> Array:
-    """Sums (k, j) of orthonormal shapes (n, k), the fewest that hold histories (n_time, n) to a share ``_EXACT`` of
-    ``size`` as far as all of them do."""
     if not shapes.shape[1]:
-        return np.zeros((0, 0))
-    amplitudes = histories @ shapes
-    weights, sizes, turn = la.svd(amplitudes, full_matrices=False)
-    rest = ((histories - amplitudes @ shapes.T) ** 2).sum(axis=1)
-    # of each history, what the sums from each one on hold, and what none does
-    shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + rest[:, None]
+        return shapes
+    weights, sizes, turn = la.svd(histories @ shapes, full_matrices=False)
+    # of each history, what the shapes from each one on hold, and what none does
+    shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + (rest**2).sum(axis=1)[:, None]
     count = int((shares.max(axis=0) > (_EXACT * size) ** 2).sum())
-    return np.asarray(turn[:count].T)
+    return np.asarray(shapes @ turn[:count].T)
 
 
 def supported(stiffness: sp.csr_array, rigid: Array) -> sp.csr_array:

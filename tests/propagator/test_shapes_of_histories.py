@@ -18,7 +18,7 @@ def histories(seed: int) -> np.ndarray:
 def test_shapes_hold_every_instant_and_are_hardly_more_than_the_fewest() -> None:
     given = histories(3)
     size = np.linalg.norm(given, axis=1).max()
-    shapes = compressed(given, size)
+    shapes = compressed(given)
     np.testing.assert_allclose(shapes.T @ shapes, np.eye(shapes.shape[1]), atol=1e-12)
     left = given - (given @ shapes) @ shapes.T
     assert np.linalg.norm(left, axis=1).max() <= _EXACT * size
@@ -29,5 +29,5 @@ def test_shapes_hold_every_instant_and_are_hardly_more_than_the_fewest() -> None
 
 
 def test_nothing_moves() -> None:
-    assert compressed(np.zeros((5, 6)), 0.0).shape == (6, 0)
-    assert compressed(np.zeros((5, 0)), 0.0).shape == (0, 0)
+    assert compressed(np.zeros((5, 6))).shape == (6, 0)
+    assert compressed(np.zeros((5, 0))).shape == (0, 0)
