@@ -62,8 +62,7 @@ class Motions:
     @cached_property
     def _basis(self) -> Array:
         """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
-        reduced = self.march.reduced
-        return np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p, reduced.static_loads])
+        return basis_of(self.march)
 
     @cached_property
     def _amplitudes(self) -> Array:
@@ -154,16 +153,10 @@ class Motions:
     def sensed(self, rows: sp.csr_array) -> Array:
         """Displacements, velocities and accelerations of rows A (k, n_full), (3, n_time, k).
 
-        A K+ K_qr r takes one solution per row, with the transpose of K+ K_qr, whatever r does in time; nothing is left
-        out, as the shapes of relative motions do, whose accelerations may be those of a few points."""
-        of_free, of_relative = self._expansions
-        reduced, on_free = self.march.reduced, sp.csr_array(rows @ of_free)
-        static = reduced.solver.transposed(on_free) @ reduced.coupling
-        modal = np.asarray(on_free @ self._basis)
-        rest = modal[:, : reduced.n_mode] @ np.vstack([reduced.rigid_share, reduced.marched_gamma])
-        of_relative_motion = (rows @ of_relative).toarray() - static - rest
-        moved = self._in_time(self.relative, of_relative_motion.T)
-        others = np.hstack([modal, np.asarray(rows @ self.march.drives.shapes)])
+        Nothing is left out, as the shapes of relative motions do, whose accelerations may be those of a few points."""
+        shares = row_shares(self.march, rows)
+        moved = self._in_time(self.relative, shares.relative.T)
+        others = np.hstack([shares.basis, shares.driven])
         return np.asarray(moved + self._amplitudes @ others.T)
 
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
@@ -219,7 +212,7 @@ class Motions:
                 total += modal.T[dofs] @ ((modal @ shapes) @ v.T)
             out[here] = total
         # those of the scene alone: driven faces enter by the motion itself
-        n_load = drives.forces.shape[1] - 3 * drives.shapes.shape[1]
+        n_load = drives.n_load
         out -= drives.forces[rows, :n_load] @ drives.amplitudes[:n_load, :n_time]
         return out
 
@@ -252,6 +245,39 @@ class Motions:
             for i, traction in bonds.tractions(forces).items():
                 tractions[i].append(traction)
         return {i: np.concatenate(parts) for i, parts in tractions.items()}
+
+
+def basis_of(march: ReducedMarch) -> Array:
+    """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
+    reduced = march.reduced
+    return np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p, reduced.static_loads])
+
+
+@dataclass(frozen=True)
+class RowShares:
+    """What rows A of the motion of all bodies read: A u = basis a + relative r + driven d.
+
+    Attributes
+    ----------
+    basis : (k, m + n_load) of the amplitudes a of rigid motions, modes beyond what loads make of them at rest, and
+    loads. relative : (k, n_r). driven : (k, n_motion).
+    """
+
+    basis: Array
+    relative: Array
+    driven: Array
+
+
+def row_shares(march: ReducedMarch, rows: sp.csr_array) -> RowShares:
+    """Of rows A (k, n_full). A K+ K_qr r takes one solution per row, with the transpose of K+ K_qr, whatever r does in
+    time."""
+    reduced, tied = march.reduced, march.tied
+    on_free = sp.csr_array(rows @ tied.expansion[:, : tied.n_free])
+    static = reduced.solver.transposed(on_free) @ reduced.coupling
+    basis = np.asarray(on_free @ basis_of(march))
+    rest = basis[:, : reduced.n_mode] @ np.vstack([reduced.rigid_share, reduced.marched_gamma])
+    relative = (rows @ tied.expansion[:, tied.n_free :]).toarray() - static - rest
+    return RowShares(basis, relative, np.asarray(rows @ march.drives.shapes))
 
 
 class RecoveredRecorder(Recorder):

@@ -71,7 +71,7 @@ def bond_resultants(motions: Motions, flat_f: Array) -> Array:
         weights[i][k] = normal.ravel()
     rows = forces.sums(weights)
     n, drives = len(flat_f), march.drives
-    n_load = drives.forces.shape[1] - 3 * drives.shapes.shape[1]
+    n_load = drives.n_load
     total = -(rows @ drives.forces[:, :n_load] @ drives.amplitudes[:n_load, :n]).T
     total -= flat_f @ (sp.diags_array(layout.area) @ (tied.trace @ rows.T)).toarray()
     return np.asarray(total + _internal(motions, rows))

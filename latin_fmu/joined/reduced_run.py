@@ -64,13 +64,18 @@ class DrivenLoads:
     Attributes
     ----------
     forces : (n_full, n_drive) on all bodies for amplitude 1, N: loads, then -K B, -C B and -M B of the driven faces.
-    amplitudes : (n_drive, n_time) of these. shapes : B (n_full, n_motion). motions : d, d', d'' (3, n_motion, n_time).
+    amplitudes : (n_drive, n_time) of these. motions : d, d', d'' (3, n_motion, n_time). shapes : B (n_full, n_motion).
     """
 
     forces: Array
     amplitudes: Array
-    shapes: Array
     motions: Array
+    shapes: Array
+
+    @property
+    def n_load(self) -> int:
+        """Loads of the scene, which come first."""
+        return int(self.forces.shape[1] - 3 * self.shapes.shape[1])
 
     @property
     def rates(self) -> Array:
@@ -82,27 +87,41 @@ class DrivenLoads:
 
 def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> DrivenLoads:
     """Loads and driven faces of an assembly whose bodies have begun."""
-    n, n_time = tied.expansion.shape[0], len(bodies.time)
-    places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
+    n = tied.expansion.shape[0]
     columns = [np.zeros((n, 0))]
+    for model in tied.models:
+        for load in _acting(model):
+            column = np.zeros((n, 1))
+            column[tied.where[model.name], 0] = load.pattern
+            columns.append(column)
+    shapes = static_shapes(tied, reduced)
+    columns += [-tied.times(kind, shapes) for kind in (STIFFNESS, DAMPING, MASS)]
+    return DrivenLoads(np.hstack(columns), *drive_histories(tied, bodies), shapes)
+
+
+def _acting(model: SubstructureModel) -> list[LoadTerm]:
+    """Loads of a body that exert forces, whatever their amplitudes are."""
+    return [load for load in model.loads if load.pattern.any()]
+
+
+def drive_histories(tied: TiedAssembly, bodies: Assembly) -> tuple[Array, Array]:
+    """Amplitudes (n_drive, n_time) of ``DrivenLoads.forces`` and motions d, d', d'' (3, n_motion, n_time) of the driven
+    faces, at the instants that the bodies have begun with."""
+    n_time = len(bodies.time)
+    places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
     amplitudes = [np.zeros((0, n_time))]
     moved = [np.zeros((3, 0, n_time))]
     for model in tied.models:
         propagator, member = places[model.name]
+        acting = {id(load) for load in _acting(model)}
         for load, amplitude in zip(model.loads, propagator.forcing.amplitudes[member], strict=True):
-            if amplitude.any() and load.pattern.any():
-                column = np.zeros((n, 1))
-                column[tied.where[model.name], 0] = load.pattern
-                columns.append(column)
+            if id(load) in acting:
                 amplitudes.append(amplitude[None])
         histories = propagator.forcing.motion_histories(member)
         if histories is not None:
             moved.append(np.stack([h.T for h in histories[:3]]))
-    motions, shapes = np.concatenate(moved, axis=1), static_shapes(tied, reduced)
-    for kind, series in zip((STIFFNESS, DAMPING, MASS), motions, strict=True):
-        columns.append(-tied.times(kind, shapes))
-        amplitudes.append(series)
-    return DrivenLoads(np.hstack(columns), np.concatenate(amplitudes), shapes, motions)
+    motions = np.concatenate(moved, axis=1)
+    return np.concatenate([*amplitudes, *motions]), motions
 
 
 def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
@@ -176,6 +195,25 @@ class ReducedMarch:
             search = replace(search, factor=_SEARCH * search.factor)
         return replace(settings, search_direction=search, newton=False, residual_alone=True, skip_unchanged=False)
 
+    def begin(self) -> None:
+        """Begin a run, or the next segment of it, with what drives the bodies, which have begun with it."""
+        bodies, tied = self.bodies, self.tied
+        amplitudes, _ = drive_histories(tied, bodies)
+        histories = Histories(bodies.time, list(amplitudes), np.zeros((len(bodies.time), 0)))
+        self.assembly.propagators[0].begin([histories], bodies.dt)
+        ground = {j: _ground_velocity(bodies, i) for j, i in enumerate(self.units)}
+        still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(self.units)}
+        self.assembly.begin(bodies.time, bodies.dt, ground, still)
+
+    def restart(self) -> None:
+        """Back to t = 0 with the loads and motions that the bodies have begun with; ``begin`` must follow."""
+        amplitudes, motions = drive_histories(self.tied, self.bodies)
+        drives = replace(self.drives, amplitudes=amplitudes, motions=motions)
+        (propagator,) = self.assembly.propagators
+        displacement, velocity = _start(self.tied, self.reduced, drives)
+        propagator.members[0] = replace(propagator.members[0], displacement=displacement, velocity=velocity)
+        propagator.restart()
+
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
         dofs, m = sp.csr_array(sp.eye_array(self.assembly.propagators[0].n_dof)), self.reduced.n_mode
@@ -239,14 +277,11 @@ def reduced_march(
     assembly.rest_traction = -1.0
     if start is not None:
         start.hand_over(assembly)
-    histories = Histories(bodies.time, list(drives.amplitudes), np.zeros((len(bodies.time), 0)))
-    propagator.begin([histories], dt)
-    ground = {j: _ground_velocity(bodies, i) for j, i in enumerate(relative)}
-    still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(relative)}
-    assembly.begin(bodies.time, dt, ground, still)
     moved = np.concatenate([m.displacement for m in tied.models])
     stored = 0.5 * float(moved @ tied.times(STIFFNESS, moved))
-    return ReducedMarch(assembly, bodies, reduced, drives, relative, cutoff, stored)
+    march = ReducedMarch(assembly, bodies, reduced, drives, relative, cutoff, stored)
+    march.begin()
+    return march
 
 
 def _propagator(model: SubstructureModel, dt: float, known: KeptOperators) -> DirectPropagator:
