@@ -212,18 +212,12 @@ def march(
     part = None if options.processes is None else Part(assembly, options.processes)
     reduced = problem.reduced
     settings = problem.settings
-    # what is marched: the bodies, groups of bonded ones, or the whole assembly as one substructure
-    if problem.grouped is None:
-        marched = assembly
-    else:
-        marched = problem.grouped.assembly
     if reduced is None:
         # of the substructures of this process, where there are several
         recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
     else:
         recorder = reduced.recorder(problem.output.energy)
         settings = reduced.settings(settings)
-        marched = reduced.assembly
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -237,7 +231,7 @@ def march(
             options.fields,
             options.max_cpu,
         )
-        run = Run(marched, settings, recorder, timings, control, part=part)
+        run = Run(problem.marched, settings, recorder, timings, control, part=part)
         if reduced is not None:
             run.count_as_put_in(reduced.stored)
         ready = clock.process_time()

@@ -102,6 +102,15 @@ class SolverReadyProblem:
     bonds: str = ""
     """Why bonds are iterated although nothing is said about them; empty where they are not, or where there are none."""
 
+    @property
+    def marched(self) -> Assembly:
+        """What is marched: the bodies, groups of bonded ones, or the whole assembly as one substructure."""
+        if self.reduced is not None:
+            return self.reduced.assembly
+        if self.grouped is not None:
+            return self.grouped.assembly
+        return self.assembly
+
     def recorder(self) -> Recorder:
         """One that keeps what the scene asks for, in memory."""
         return Recorder(self.assembly, self.output, self.info)

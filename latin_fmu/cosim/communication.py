@@ -131,11 +131,29 @@ class CommunicationRun:
         segmented.settle({})
         self.problem = segmented.problem
         with one_thread():
+            if self.problem.reduced is not None:
+                cast(Any, self.problem.reduced).follow_strains()
             self.drives = Drives(segmented, self.sources)
-            recorder = Recorder(self.problem.assembly, self.problem.output, self.problem.info)
-            fields = Signals(scene, self.drives, recorder).fields() | history_fields(self.drives)
+            signals = self._signals()
+            fields = signals.fields() | history_fields(self.drives)
             fields |= opening_fields(self.drives, segmented.starts_static)
             self._make(self.drives, fields, python)
+
+    def _signals(self) -> Signals:
+        """What outputs follow from."""
+        problem = self.problem
+        if problem.reduced is None:
+            self._request, self._info = problem.output, problem.info
+            return Signals(self.scene, self.drives, self._recorder())
+        from .reduced_signals import ReducedSignals
+
+        signals = ReducedSignals(self.scene, self.drives, cast(Any, problem.reduced), problem.output)
+        self._request, self._info = signals.request, {}
+        return signals
+
+    def _recorder(self) -> Recorder:
+        """One of what the signals are read from."""
+        return Recorder(self.problem.marched, self._request, self._info)
 
     def _make(self, drives: Drives, fields: Mapping[str, Any], python: bool) -> None:
         problem, start = self.problem, self.sources.initial()
@@ -145,12 +163,13 @@ class CommunicationRun:
         drives.begin(amplitudes)
         # what a call of the kernels alone can do: windows of one instant, its own thread
         settings = replace(problem.settings, window=1, threads=problem.settings.threads if python else 1)
-        recorder = Recorder(problem.assembly, problem.output, problem.info)
-        self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
+        if problem.reduced is not None:
+            settings = problem.reduced.settings(settings)
+        self.run = Run(problem.marched, settings, self._recorder(), Timings(), communication=fields)
         self.run.open_bonds()
         if not self.run.marches:  # perfect interfaces that are too many, or redundant, for one matrix in the kernels
             settings = replace(settings, direct_bonds=False)
-            self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
+            self.run = Run(problem.marched, settings, self._recorder(), Timings(), communication=fields)
         if not (python or all_in_kernels(self.run.image)):
             raise _solved_by_python(self.run)
         self.image: Image = self.run.image

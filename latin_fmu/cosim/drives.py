@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.supports import rates_of_steps
+from ..joined.reduced_run import DrivePlace, ReducedMarch, drive_places
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
 from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
 from ..latin.initial_conditions import initial_conditions
@@ -24,7 +25,9 @@ from ..latin.run_image import histories
 from ..propagator.forcing import SUMS
 from ..scene.laws import ConstantLaw, InputLaw, sampled
 from ..scene.schema import Scene
+from ..time_scheme import NO_BRANCHES
 from .input_table import Source, given_of, sources_of
+from .load_strains import LoadStrains
 from .segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 
 _UNITS = (1.0, 1e3, 1e6)  # changes of an amplitude that are tried
@@ -112,41 +115,72 @@ def sampler(source: Source, end: float) -> Callable[[Array], Array]:
 
 
 class Drives:
-    """Columns of the histories, motion state and initial state of an assembly for given amplitudes of its sources."""
+    """Columns of the histories, motion state and initial state of an assembly for given amplitudes of its sources.
+
+    Attributes
+    ----------
+    bodies : the assembly that loads, driven faces and moving ground act on. assembly : the one that is marched, which
+    is another one where the bodies are marched by their modes. strains : elongations of loads, the last numbers of the
+    motion state. n_moved, n_state : numbers of the motion state before them, and all.
+    """
 
     def __init__(self, run: SegmentedRun, sources: Sources) -> None:
-        self.assembly = run.problem.assembly
+        self.bodies, self.assembly = run.problem.assembly, run.problem.marched
+        self._reduced = run.problem.reduced
         self._timeline = run.problem.timeline
         self.sources = sources
         self.dt = run.dt
-        for propagator in self.assembly.propagators:
-            # all of them have terms, also those that are constant in this segment
+        # all of them have terms, also those that are constant in this segment
+        for propagator in self.bodies.propagators:
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
-        self._start = dict(self.assembly.ground.start)
-        self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
+        if self._reduced is not None:
+            (propagator,) = self.assembly.propagators
+            propagator.forcing.sources = frozenset(load.name for load in propagator.members[0].loads)
+        self._start = dict(self.bodies.ground.start)
         self._grounds = list(self._start)
-        self.n_state = motion_size(self.assembly)
+        self.strains = self._load_strains()
+        self._strained = np.zeros(self.strains.size)
+        self.n_moved = motion_size(self.bodies)
+        self.n_state = self.n_moved + self.strains.size
+
+    def _load_strains(self) -> LoadStrains:
+        """What the branches of the bodies make of static responses to loads: of a reduced assembly."""
+        if self._reduced is None:
+            return LoadStrains([], NO_BRANCHES, self.dt)
+        march = cast(ReducedMarch, self._reduced)
+        places = [(k, p) for k, p in enumerate(drive_places(march.tied, self.bodies)) if self._varies(p)]
+        return LoadStrains(places, self.assembly.propagators[0].branches, self.dt)
+
+    def _varies(self, place: DrivePlace) -> bool:
+        """Whether a drive of a reduced assembly is a motion, or a load that a source gives."""
+        load = self.bodies.propagators[place.number].forcing.members[place.member].loads[place.index or 0]
+        return place.kind is not None or load.name in (*self.sources.inputs, *self.sources.laws)
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
         # without the histories of the segment before
-        assembly = self.assembly
+        bodies = self.bodies
         dt = self.dt
         ground = self._start
-        for propagator in assembly.propagators:
+        for propagator in bodies.propagators:
             propagator.restart()
+        self._strained = np.zeros(self.strains.size) if state is None else state[self.n_moved :]
         if state is not None:
-            motions, ground = unpacked_motions(assembly, state)
-            for propagator, motion in zip(assembly.propagators, motions, strict=True):
+            motions, ground = unpacked_motions(bodies, state)
+            for propagator, motion in zip(bodies.propagators, motions, strict=True):
                 propagator.forcing.set_motion_state(motion)
         # instants count from the start of the segment
         time: Array = np.arange(float(len(amplitudes)))
-        self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
+        self._timeline.begin(bodies, time * dt, self.sources.named(amplitudes), ground, dt)
+        if self._reduced is not None:
+            if state is None:
+                self._reduced.restart()
+            self._reduced.begin()
 
     def columns(self, instant: int) -> Array:
         """Columns of an instant in the order of ``kernels.communication.spread_columns``."""
         parts = [np.zeros(0)]
-        for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
+        for propagator in self.assembly.propagators:
             forcing = propagator.forcing
             terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]
             for name in SUMS:
@@ -155,21 +189,25 @@ class Drives:
                 if name in terms:
                     amplitudes = terms[name].amplitudes
                 parts.append(np.array([a[instant] for a in amplitudes]))
-            if k:
+            if forcing.moves:
                 parts.append(forcing.motion_table()[:, instant].ravel())
         tables = histories(self.assembly)
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
         return np.concatenate([*parts, *(tables[name][instant] for name in names)])
 
+    def reached(self, instant: int) -> Array:
+        """Motion state at an instant of the segment."""
+        strains = self.strains.after(self.bodies, self._strained, instant)
+        return np.concatenate([packed_motions(self.bodies, instant), strains])
+
     def rows(self, amplitudes: Array) -> Array:
         """Drives (n_time, n_drive) at the instants of a segment that the assembly has begun, with the amplitudes
         (n_time, n_source) that it has begun with."""
         n, parts = len(amplitudes), [np.zeros((len(amplitudes), 0))]
-        for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
-            if k:
-                # rows are instants: (kind, instant, motion, member) turned
-                parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
-        ground = self.assembly.ground
+        forcings = [propagator.forcing for propagator in self.bodies.propagators if propagator.forcing.moves]
+        # rows are instants: (kind, instant, motion, member) turned
+        parts += [forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1) for forcing in forcings]
+        ground = self.bodies.ground
         first = ground.end(0)
         for i in self._grounds:
             parts.append(first[i].displacement + ground.travel[i])
@@ -180,9 +218,13 @@ class Drives:
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 
     def opening(self) -> list[Array]:
-        """Initial state: u, v, a and residual of the classes, f_hat and w_hat."""
+        """Initial state: u, v, a, residual and state on a stiffness of the face of the classes, f_hat and w_hat."""
         fields = initial_conditions(self.assembly)
-        return [*(x.ravel() for p in self.assembly.propagators for x in p.state.fields), *fields]
+        classes = list[Array]()
+        for propagator in self.assembly.propagators:
+            face = propagator.state.face
+            classes += [*(x.ravel() for x in propagator.state.fields), np.zeros(0) if face is None else face.copy()]
+        return [*classes, *fields]
 
     def inertia(self) -> list[float]:
         """Largest nodal force of inertia of each class at the first instant, N, that its motion from outside brings."""
@@ -205,7 +247,7 @@ class Drives:
 
     def slides(self) -> dict[int, Array]:
         """Velocity (3,) of the ground of interfaces at the last instant."""
-        return {i: self.assembly.ground.velocity[i][-1] for i in self._grounds}
+        return {i: self.assembly.ground.velocity[i][-1] for i in self.assembly.ground.start}
 
 
 def _matrix(of: Callable[[Array], Array], n: int) -> sp.csr_array:
@@ -224,16 +266,16 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     def step(z: Array) -> Array:
         # two instants from the state before the step: number 1 is its end
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
-        return np.concatenate([drives.columns(1), packed_motions(drives.assembly, 1)])
+        return np.concatenate([drives.columns(1), drives.reached(1)])
 
     def first(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s))
-        return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
+        return np.concatenate([drives.columns(0), drives.reached(0)])
 
     def start(z: Array) -> Array:
         # from a state, not from t = 0: the start of any later step
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
-        return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
+        return np.concatenate([drives.columns(0), drives.reached(0)])
 
     fields: dict[str, Any] = {}
     static = drives.assembly.quasi_static
@@ -328,9 +370,9 @@ def _is_affine(drives: Drives, start: Array, base: list[Array], e: int, unit: fl
     for k, (old, first, second, both, without) in enumerate(zip(base, *changes, strict=True)):
         # affine: f(a, b) - f = a (f(1, 0) - f) + b (f(0, 1) - f)
         scale = np.abs(old) + np.abs(first) + np.abs(second)
-        # fields are u, v, a and residual of each class in turn: 3 is the residual
-        if k % 4 == 3 and k // 4 < len(forces):
-            residual = forces[k // 4]
+        # fields are u, v, a, residual and state of the face of each class in turn: 3 is the residual
+        if k % 5 == 3 and k // 5 < len(forces):
+            residual = forces[k // 5]
         else:
             residual = 0.0
         allowed = _AFFINE * max(scale.max(initial=0.0), residual)

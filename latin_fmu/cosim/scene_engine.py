@@ -74,7 +74,8 @@ class SceneEngine:
         table = table_file(
             self._table, self._scene, run, Identity(f"{self._identity} {package_version()}", endless=True)
         )
-        records = self._settings.keep or self._settings.prescribed
+        # of an assembly that is marched by its modes the outputs alone are kept
+        records = (self._settings.keep or self._settings.prescribed) and run.problem.reduced is None
         if records and self._reads_fields:
             most = 1
         else:
@@ -84,9 +85,9 @@ class SceneEngine:
         sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
         self.engine = Engine(handed, *sizes, run.run.at_work if run.run.several else None)
         self._record = None
-        if self._settings.prescribed:
+        if records and self._settings.prescribed:
             self._record = WholeRecord(run)
-        elif self._settings.keep:
+        elif records:
             self._record = Record(run, self._settings.interpolation)
         return self.engine
 
@@ -223,7 +224,7 @@ class SceneEngine:
         """A history of each interface, for all but its fields."""
         if not self._last_histories:
             assert self.run is not None
-            assembly = self.run.problem.assembly
+            assembly = self.run.problem.marched
             rows = InterfaceRows(assembly, np.zeros((1, InterfaceRows.width_of(assembly))))
             self._last_histories = rows.histories(1, self.run.problem.output.peak_duration)
         return self._last_histories

@@ -11,9 +11,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..assembly.initial_state import InitialState
+from ..assembly.models import KeptOperators
+from ..assembly.problem import SolverReadyProblem
+from ..assembly.propagator_choice import modes_refused
 from ..building import discretise
 from ..errors import InputError, Problem, SceneError
 from ..fem.mesh import Array
+from ..joined.modal_problem import modal_problem
+from ..joined.tied_assembly import TieError
 from ..latin.assembly import Assembly, GroundState
 from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
@@ -26,6 +32,7 @@ from ..propagator.base import full_displacement, full_velocity
 from ..propagator.forcing import STRAIN, MotionState
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
+from ..scene.settings import ModalPropagatorTable
 from ..statics.starts import starting_equilibrium
 
 _ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
@@ -76,6 +83,11 @@ class Segment:
         return self.windows.largest_error()
 
 
+def marched_by_modes(scene: Scene) -> bool:
+    """Whether communication steps march the assembly of a scene by its modes: where the scene demands it."""
+    return isinstance(scene.solver.propagator, ModalPropagatorTable)
+
+
 class SegmentState:
     """A scene at the end of a segment, and at the beginning of the next one.
 
@@ -105,8 +117,8 @@ class SegmentState:
                 remedy="omit hardening: the bolt then remains elastic",
             )
         with one_thread():
-            self._discretised = discretise(scene)
-            self.problem = self._discretised.build()  # a static start waits for the loads
+            self._discretised = discretise(scene, kept=KeptOperators() if marched_by_modes(scene) else None)
+            self.problem = self._built(None)  # a static start waits for the loads
         if tolerance is not None:
             factor = tolerance / self.problem.settings.tolerance
             settings = self.problem.settings
@@ -123,6 +135,32 @@ class SegmentState:
         self.stored: float | None = None
         self._grid, self.dt = self.problem.assembly.time, self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
+
+    def _built(self, start: InitialState | None) -> SolverReadyProblem:
+        """The problem from an equilibrium, None: from the initial values of the scene; marched by modes where the scene
+        says so.
+
+        Raises
+        ------
+        SceneError : an assembly that has no modes to be marched by.
+        """
+        if not marched_by_modes(self.scene):
+            return self._discretised.build(start)
+        reasons = modes_refused(self.scene, False)
+        if self.scene.output.energy:
+            reasons.append("energies of communication steps are those of bodies")
+        try:
+            if not reasons:
+                return modal_problem(self._discretised, start)
+        except TieError as error:
+            reasons.append(str(error))
+        raise SceneError.of(
+            "the scene cannot be run in steps",
+            "solver.propagator",
+            f"its assembly cannot be marched by its modes: {'; '.join(reasons)}",
+            "modal",
+            remedy='use "automatic", which marches body by body in communication steps',
+        )
 
     @property
     def starts_static(self) -> bool:
@@ -156,7 +194,7 @@ class SegmentState:
             return
         before = self.problem
         with one_thread():
-            problem = self._discretised.build(starting_equilibrium(self._discretised, start))
+            problem = self._built(starting_equilibrium(self._discretised, start))
         output = replace(before.output, bolts=problem.output.bolts)
         self.problem = replace(problem, settings=before.settings, output=output)
         self._amplitudes, self.run = start, None

@@ -364,6 +364,8 @@ def estimated_error(
 
     if solver.run is None:
         return _no_estimate("nothing was solved")
+    if solver.run.problem.reduced is not None:
+        return _no_estimate("of an assembly that is marched by its modes no histories are kept")
     segments = _segments(settings, solver, steps)
     if not settings.prescribed:
         if not segments or steps[0].start != t0:

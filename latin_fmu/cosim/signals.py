@@ -53,7 +53,7 @@ class SignalPlaces:
 
     def __init__(self, drives: Drives, recorder: Recorder) -> None:
         self._drives, assembly = drives, drives.assembly
-        self._assembly, self._request = assembly, recorder.request
+        self._assembly, self._bodies, self._request = assembly, drives.bodies, recorder.request
         self.probes = Probes(assembly, recorder.sliding, self._request)
         n = assembly.layout.n_flat
         # the order of the kernels: tractions, velocities, gaps, then the classes, then the drives
@@ -61,8 +61,6 @@ class SignalPlaces:
         self._sensed: list[int] = []
         self._probed: list[int] = []
         self._n_sensor: list[int] = []
-        self._motions: list[int] = []
-        of_motion = 0
         for c, propagator in enumerate(assembly.propagators):
             m = len(propagator.members)
             rows = self.probes.rows[c]
@@ -76,10 +74,12 @@ class SignalPlaces:
             at = self._probed[-1]
             if slides is not None:
                 at += slides.shape[0] * m
-            self._motions.append(of_motion)
-            n_history = STRAIN + len(propagator.branches)
-            of_motion += n_history * propagator.members[0].imposed_pattern.shape[1] * m
         self._drive = at
+        sizes = [
+            (STRAIN + len(p.branches)) * p.members[0].imposed_pattern.shape[1] * len(p.members)
+            for p in self._bodies.propagators
+        ]
+        self._motions = np.cumsum([0, *sizes])
         self._energies = at + drives.n_state + 2 * len(drives.sources) + 1
         self._one = self._energies - 1
         self.n = self._energies
@@ -93,7 +93,7 @@ class SignalPlaces:
 
     def _motion(self, c: int, kind: int, k: int, member: int) -> int:
         """Place of the displacement, velocity, acceleration or, from 3 on, of an elongation of a prescribed motion."""
-        members = self._assembly.propagators[c].members
+        members = self._bodies.propagators[c].members
         row = kind * members[0].imposed_pattern.shape[1] + k
         return int(self._drive + self._motions[c] + row * len(members) + member)
 
@@ -216,8 +216,13 @@ class Signals(SignalPlaces):
                     ]
         return entries
 
-    def _interface_rows(self, i: int, row_matrix: sp.csr_array) -> dict[str, sp.csr_array]:
+    def linear_of(self, name: str, row_matrix: sp.csr_array) -> dict[str, sp.csr_array]:
         """Linear outputs of an interface from the signals, by the names of their rows."""
+        numbers = {unit.name: i for i, unit in enumerate(self._assembly.interfaces)}
+        return self._interface_rows(numbers[name], row_matrix)
+
+    def _interface_rows(self, i: int, row_matrix: sp.csr_array) -> dict[str, sp.csr_array]:
+        """Those of an interface of the march."""
         assembly, width = self._assembly, row_matrix.shape[0]
         unknowns, unit = self._unknowns(i, width), assembly.interfaces[i]
         geometry = unit.geometry
@@ -345,7 +350,6 @@ class Signals(SignalPlaces):
     def _output_rows(self, row_matrix: sp.csr_array) -> tuple[sp.csr_array, list[tuple[int, int]]]:
         """All outputs from the signals, rows of zeros where they are no linear functions; places of outputs and of
         their integrals."""
-        numbers = {unit.name: i for i, unit in enumerate(self._assembly.interfaces)}
         blocks, integrals, at, before = [sp.csr_array((0, self.n))], list[tuple[int, int]](), 0, 0
         linear: dict[str, dict[str, sp.csr_array]] = {}
         for placed in outputs_of(self._scene):
@@ -356,7 +360,7 @@ class Signals(SignalPlaces):
                 blocks.append(sp.csr_array((len(axes), self.n)))
             elif placed.family is INTERFACE:
                 if placed.name not in linear:
-                    linear[placed.name] = self._interface_rows(numbers[placed.name], row_matrix)
+                    linear[placed.name] = self.linear_of(placed.name, row_matrix)
                 blocks.append(linear[placed.name][row.name])
             else:
                 blocks.append(row.of(self, placed.name)[axes])

@@ -11,7 +11,7 @@ from typing import Final
 
 from ..scene.ports import COMPONENTS, indexed
 from ..scene.schema import Scene
-from ..scene.settings import MAX_ITERATIONS
+from ..scene.settings import MAX_ITERATIONS, ModalPropagatorTable
 from .input_table import given_of
 from .output_table import AT_POINTS, outputs_of
 from .variable import Kind, Variable, input_variable, output, parameter, variable_of
@@ -94,6 +94,11 @@ def _impedances(scene: Scene) -> Iterator[Variable]:
             yield Variable(indexed(name, words, component), "local", "constant", "real", text, unit, impedance)
 
 
+_OVER_THE_OTHER: Final = (
+    "velocity of the first side at the points, between bodies that over the second side, and that of the ground"
+)
+
+
 def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:
     """The variable table: scalars, and arrays where the number of points of each interface is given."""
     if n_point is None:
@@ -104,7 +109,7 @@ def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Va
 # -- arrays (FMI 3) ----------------------------------------------------------------------------------------------
 def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
     """Arrays of a scene: load histories, instants of a window, fields of points. ``n_point`` : number of points of each
-    interface."""
+    interface whose points are marched."""
     for name, start, meaning in (
         ("window.size", scene.time.n_step + 1, "number of instants the arrays of a window can hold"),
         ("history.size", HISTORY, "number of elements of the load histories of prescribed mode"),
@@ -135,6 +140,8 @@ def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
             yield output(f"{where}.window.{name}", placed.row.unit, what, dimensions=sizes)
     for name, interface in scene.joints.items():
         for what, (unit, meaning, shape) in AT_POINTS.items():
-            if len(shape) > 1 or interface.behaves_open:
+            if name in n_point and (len(shape) > 1 or interface.behaves_open):
+                if what == "velocity" and isinstance(scene.solver.propagator, ModalPropagatorTable):
+                    meaning = _OVER_THE_OTHER
                 numbers = tuple(k or n_point[name] for k in shape)
                 yield output(f"interface.{name}.points.{what}", unit, meaning, dimensions=numbers)

@@ -31,6 +31,7 @@ from ..propagator.forcing import STRAIN
 from ..propagator.model import SubstructureModel, closest_reduced
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
+from .motion_rows import basis_of, row_shares
 from .recovered_energies import assembly_energies
 from .reduced_run import NAME, RELATIVE, ReducedMarch
 from .tied_assembly import jump_rows
@@ -159,13 +160,6 @@ class Motions:
         others = np.hstack([shares.basis, shares.driven])
         return np.asarray(moved + self._amplitudes @ others.T)
 
-    def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
-        """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
-        matrix = sp.csr_array(rows)
-        where = self.march.tied.where[name]
-        shape = matrix.shape[0], self.march.tied.expansion.shape[0]
-        return sp.csr_array((matrix.data, matrix.indices + where.start, matrix.indptr), shape=shape)
-
     @cached_property
     def _strains(self) -> dict[MaxwellBranches, Array]:
         """``strains`` that are known, by branches."""
@@ -245,39 +239,6 @@ class Motions:
             for i, traction in bonds.tractions(forces).items():
                 tractions[i].append(traction)
         return {i: np.concatenate(parts) for i, parts in tractions.items()}
-
-
-def basis_of(march: ReducedMarch) -> Array:
-    """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
-    reduced = march.reduced
-    return np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p, reduced.static_loads])
-
-
-@dataclass(frozen=True)
-class RowShares:
-    """What rows A of the motion of all bodies read: A u = basis a + relative r + driven d.
-
-    Attributes
-    ----------
-    basis : (k, m + n_load) of the amplitudes a of rigid motions, modes beyond what loads make of them at rest, and
-    loads. relative : (k, n_r). driven : (k, n_motion).
-    """
-
-    basis: Array
-    relative: Array
-    driven: Array
-
-
-def row_shares(march: ReducedMarch, rows: sp.csr_array) -> RowShares:
-    """Of rows A (k, n_full). A K+ K_qr r takes one solution per row, with the transpose of K+ K_qr, whatever r does in
-    time."""
-    reduced, tied = march.reduced, march.tied
-    on_free = sp.csr_array(rows @ tied.expansion[:, : tied.n_free])
-    static = reduced.solver.transposed(on_free) @ reduced.coupling
-    basis = np.asarray(on_free @ basis_of(march))
-    rest = basis[:, : reduced.n_mode] @ np.vstack([reduced.rigid_share, reduced.marched_gamma])
-    relative = (rows @ tied.expansion[:, tied.n_free :]).toarray() - static - rest
-    return RowShares(basis, relative, np.asarray(rows @ march.drives.shapes))
 
 
 class RecoveredRecorder(Recorder):
@@ -398,7 +359,7 @@ class RecoveredRecorder(Recorder):
                     motion = trace
                 else:
                     motion = sp.csr_array(trace @ nodal)
-                moved = self._motions.of(self._motions.placed(name, motion), 1)
+                moved = self._motions.of(tied.placed(name, motion), 1)
                 slide[:n, side] = moved.reshape(n, -1, 3)
 
     def _read_series(self, n: int) -> None:
@@ -413,7 +374,7 @@ class RecoveredRecorder(Recorder):
             full = place.full_rows(model, False)
             if model.nodal is not None:
                 full = full @ model.nodal
-            rows.append(motions.placed(place.substructure, sp.csr_array(full)))
+            rows.append(motions.march.tied.placed(place.substructure, sp.csr_array(full)))
         # together: vectors of all dofs
         series = motions.sensed(sp.csr_array(sp.vstack(rows))) if rows else np.zeros((3, n, 0))
         ends = np.cumsum([matrix.shape[0] for matrix in rows])

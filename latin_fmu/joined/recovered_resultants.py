@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ..latin.assembly import Array, Index
 from ..time_scheme import MaxwellBranches
-from .bond_forces import BondForces
+from .motion_rows import bond_rows
 from .recovered_fields import Motions, RecoveredRecorder
 from .reduced_run import ReducedMarch
 from .tied_assembly import DAMPING, MASS, STIFFNESS
@@ -58,18 +58,8 @@ def bond_resultants(motions: Motions, flat_f: Array) -> Array:
     n_flat) of the other interfaces, Pa."""
     march = motions.march
     tied, layout = march.tied, march.bodies.layout
-    bonded = tied.joints.bonded
-    expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
-    forces = BondForces(bonded, layout, tied.trace, expansion)
-    weights = {}
-    for k, i in enumerate(bonded):
-        channels = layout.channels(i, 0)
-        weights[i] = np.zeros((len(bonded), channels.size))
-        # the first component of a local frame is that along N, from E to E'
-        normal = np.zeros(channels.shape)
-        normal[:, 0] = -layout.area[channels[:, 0]]
-        weights[i][k] = normal.ravel()
-    rows = forces.sums(weights)
+    # the last of each bond
+    rows = sp.csr_array(sp.vstack([of_bond[3:] for of_bond in bond_rows(march).values()]))
     n, drives = len(flat_f), march.drives
     n_load = drives.n_load
     total = -(rows @ drives.forces[:, :n_load] @ drives.amplitudes[:n_load, :n]).T

@@ -347,6 +347,12 @@ class ReducedAssembly:
             times += branches.times
         return MaxwellBranches(tuple(strengths), tuple(times))
 
+    @property
+    def mean_branches(self) -> MaxwellBranches:
+        """Branches of the bodies that have some, weighted by their strain energy in the elastic modes."""
+        share = sum(float((stiffness / self.values).mean()) for _, stiffness in self._strained)
+        return MaxwellBranches(tuple(g / share for g in self.branches.strengths), self.branches.times)
+
     @cached_property
     def static_loads(self) -> Array:
         """K+ f (n_free, n_load)."""

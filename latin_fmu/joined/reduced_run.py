@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -104,24 +104,43 @@ def _acting(model: SubstructureModel) -> list[LoadTerm]:
     return [load for load in model.loads if load.pattern.any()]
 
 
+class DrivePlace(NamedTuple):
+    """Where the amplitude of a column of ``DrivenLoads.forces`` is: class and member of the body, number of the load
+    of the member, or of its motion with ``kind`` 0, 1, 2 for d, d' and d''; None for a load."""
+
+    number: int
+    member: int
+    index: int
+    kind: int | None = None
+
+    def amplitude(self, bodies: Assembly) -> Array:
+        """At the instants (n_time,) that the bodies have begun with."""
+        forcing = bodies.propagators[self.number].forcing
+        if self.kind is None:
+            return forcing.amplitudes[self.member][self.index]
+        histories = forcing.motion_histories(self.member)
+        assert histories is not None, "a body without motions has no place of one"
+        return np.asarray(histories[self.kind][:, self.index])
+
+
+def drive_places(tied: TiedAssembly, bodies: Assembly) -> list[DrivePlace]:
+    """Those of all columns."""
+    where = {name: (c, j) for c, p in enumerate(bodies.propagators) for j, name in enumerate(p.names)}
+    loads = list[DrivePlace]()
+    for model in tied.models:
+        acting = {id(load) for load in _acting(model)}
+        loads += [DrivePlace(*where[model.name], k) for k, load in enumerate(model.loads) if id(load) in acting]
+    moved = [(*where[model.name], k) for model in tied.models for k in range(model.imposed_pattern.shape[1])]
+    return [*loads, *(DrivePlace(*place, kind) for kind in range(3) for place in moved)]
+
+
 def drive_histories(tied: TiedAssembly, bodies: Assembly) -> tuple[Array, Array]:
     """Amplitudes (n_drive, n_time) of ``DrivenLoads.forces`` and motions d, d', d'' (3, n_motion, n_time) of the driven
     faces, at the instants that the bodies have begun with."""
-    n_time = len(bodies.time)
-    places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
-    amplitudes = [np.zeros((0, n_time))]
-    moved = [np.zeros((3, 0, n_time))]
-    for model in tied.models:
-        propagator, member = places[model.name]
-        acting = {id(load) for load in _acting(model)}
-        for load, amplitude in zip(model.loads, propagator.forcing.amplitudes[member], strict=True):
-            if id(load) in acting:
-                amplitudes.append(amplitude[None])
-        histories = propagator.forcing.motion_histories(member)
-        if histories is not None:
-            moved.append(np.stack([h.T for h in histories[:3]]))
-    motions = np.concatenate(moved, axis=1)
-    return np.concatenate([*amplitudes, *motions]), motions
+    n_motion, n_time = tied.driven.shape[1], len(bodies.time)
+    rows = [np.zeros((0, n_time)), *(place.amplitude(bodies)[None] for place in drive_places(tied, bodies))]
+    amplitudes = np.concatenate(rows)
+    return amplitudes, amplitudes[len(amplitudes) - 3 * n_motion :].reshape(3, n_motion, n_time)
 
 
 def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
@@ -213,6 +232,17 @@ class ReducedMarch:
         displacement, velocity = _start(self.tied, self.reduced, drives)
         propagator.members[0] = replace(propagator.members[0], displacement=displacement, velocity=velocity)
         propagator.restart()
+
+    def follow_strains(self) -> None:
+        """Let the march keep the elongations of the branches of the bodies, which what reads internal forces at every
+        instant needs; before its image is made. Bodies with different branches have the mean of all."""
+        kinds = {model.branches for model in self.tied.models if len(model.branches)}
+        if len(kinds) > 1:
+            kinds = {self.reduced.mean_branches}
+        for branches in kinds:
+            (propagator,) = self.assembly.propagators
+            # without any force: the stiffness beside that of modes and relative motions is zero
+            propagator.members[0] = replace(propagator.members[0], branches=branches)
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""

@@ -352,6 +352,12 @@ class TiedAssembly:
             blocks.append(sp.csr_array(block))
         return sp.csr_array(sp.hstack(blocks))
 
+    def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
+        """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
+        matrix = sp.csr_array(rows)
+        shape = matrix.shape[0], self.expansion.shape[0]
+        return sp.csr_array((matrix.data, matrix.indices + self.where[name].start, matrix.indptr), shape=shape)
+
     def moved(self, name: str, motions: Array) -> Array:
         """Full dofs (n_full, k) of a body by motions (n_free, k) of the free dofs."""
         return np.asarray(self.expansion[self.where[name], : self.n_free] @ motions)
@@ -421,12 +427,16 @@ def _springs(units: Sequence[InterfaceUnit], layout: Layout, trace: sp.csr_array
     n = trace.shape[1]
     springs = sp.csr_array((n, n))
     for i in joints.linear:
-        unit, rows = units[i], jump_rows(layout, trace, i)
-        size = rows.shape[0] // unit.geometry.n_point
-        per_area = unit.behaviour.point_parameters(unit.geometry.n_point)[:, [0, *[1] * (size - 1)]]
-        weights = (unit.geometry.areas[:, None] * per_area).ravel()
-        springs = sp.csr_array(springs + rows.T @ sp.diags_array(weights) @ rows)
+        rows = jump_rows(layout, trace, i)
+        springs = sp.csr_array(springs + rows.T @ sp.diags_array(spring_weights(units[i])) @ rows)
     return springs
+
+
+def spring_weights(unit: InterfaceUnit) -> Array:
+    """Stiffness (n_channel,) of the springs of an interface at its channels, N m-1."""
+    per_area = unit.behaviour.point_parameters(unit.geometry.n_point)
+    tangential = [1] * (unit.behaviour.n_component - 1)
+    return np.asarray((unit.geometry.areas[:, None] * per_area[:, [0, *tangential]]).ravel())
 
 
 def _global(unit: InterfaceUnit, n_component: int) -> sp.csr_array:

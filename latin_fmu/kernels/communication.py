@@ -22,6 +22,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import kernel
+from .face import size_of_state
 from .inputs import DISPLACEMENT, DRIVEN, HOLD, N_MEMORY, REACHED, drive, keep, placed
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
@@ -374,6 +375,8 @@ def set_opening(pools: Any) -> None:
             to = row.u if kind == 0 else row.v if kind == 1 else row.a if kind == 2 else row.residual
             e = _write_opening(pools, e, passed, size, to)
             passed += size
+        e = _write_opening(pools, e, passed, size_of_state(row), row.face_state)
+        passed += size_of_state(row)
         still = 1.0
         for i in range(size):
             if moving[row.u + i] != 0.0 or moving[row.v + i] != 0.0:

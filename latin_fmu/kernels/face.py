@@ -50,6 +50,14 @@ def earlier_at(row: Any) -> int:
 
 
 @kernel
+def size_of_state(row: Any) -> int:
+    """Numbers of the state of a class with a stiffness of the face, 0 without one."""
+    if row.on_face == 0:
+        return 0
+    return earlier_at(row) + int(row.n_inertial) - int(row.face_state)
+
+
+@kernel
 def strains_at(row: Any) -> int:
     """Place of e (n_relaxing, g) of the branches of S."""
     return rows_at(row) + int((1 + row.n_relaxing) * row.n_elastic)

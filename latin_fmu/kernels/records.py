@@ -474,7 +474,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("input_start", "constants (n_input,): amplitude that the initial state of the image is for"),
     ("input_held", "constants, int64 (n_input,): ``communication.FREE``, BY_VALUE or BY_BOTH"),
     ("law_table", "constants (max(law_end, 0) + 1, n_source - n_input)"),
-    ("opening_place", "constants, int64 (opening_rows,): places in u, v, a, residual of classes, f_hat, w_hat"),
+    ("opening_place", "constants, int64 (opening_rows,): places in u, v, a, residual, face of classes, f_hat, w_hat"),
     ("summary", "constants, int64 (n_interface, N_SUMMARY): see ``outputs.READ``"),
     ("n_constant", "outputs whose derivatives by inputs are 0"),
     ("constant_outputs", "constants, int64 (n_constant,): their places"),

@@ -1,0 +1,96 @@
+"""Rows of the motion of all bodies, and what they read of a reduced assembly.
+
+A row A of the motion u = E Q (P a + X r) + E R r + B d (``recovered_fields``) reads A u = (A E Q P) a + (...) r + (A B)
+d: exact, one solution a row, whatever the motion does in time. Rows of outputs are means over faces, forces of springs
+between sides, and the forces g on the bodies that give the resultants of bonds (``bond_forces``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..latin.assembly import Array
+from .bond_forces import BondForces
+from .reduced_run import ReducedMarch
+from .tied_assembly import jump_rows, spring_weights
+
+
+def basis_of(march: ReducedMarch) -> Array:
+    """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
+    reduced = march.reduced
+    return np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p, reduced.static_loads])
+
+
+@dataclass(frozen=True)
+class RowShares:
+    """What rows A of the motion of all bodies read: A u = basis a + relative r + driven d.
+
+    Attributes
+    ----------
+    basis : (k, m + n_load) of the amplitudes a of rigid motions, of modes beyond what loads make of them at rest, and
+    of loads. relative : (k, n_r). driven : (k, n_motion).
+    """
+
+    basis: Array
+    relative: Array
+    driven: Array
+
+
+def row_shares(march: ReducedMarch, rows: sp.csr_array) -> RowShares:
+    """Of rows A (k, n_full). A K+ K_qr takes one solution per row, with the transpose of K+ K_qr."""
+    reduced, tied = march.reduced, march.tied
+    on_free = sp.csr_array(rows @ tied.expansion[:, : tied.n_free])
+    static = reduced.solver.transposed(on_free) @ reduced.coupling
+    basis = np.asarray(on_free @ basis_of(march))
+    rest = basis[:, : reduced.n_mode] @ np.vstack([reduced.rigid_share, reduced.marched_gamma])
+    relative = (rows @ tied.expansion[:, tied.n_free :]).toarray() - static - rest
+    return RowShares(basis, relative, np.asarray(rows @ march.drives.shapes))
+
+
+def mean_rows(march: ReducedMarch, i: int, side: int) -> sp.csr_array:
+    """Mean motion (3, n_full) of a side of an interface that is no ground, weighted by area, global axes."""
+    unit, tied = march.bodies.interfaces[i], march.tied
+    trace, name = unit.geometry.traces[side], unit.sides[side].split(".")[0]
+    assert trace is not None, "the ground has no motion that is a row"
+    model = next(m for m in tied.models if m.name == name)
+    motion = trace if model.nodal is None else sp.csr_array(trace @ model.nodal)
+    share = unit.geometry.areas / unit.geometry.areas.sum()
+    return tied.placed(name, sp.csr_array(sp.kron(share[None], sp.eye_array(3)) @ motion))
+
+
+def spring_rows(march: ReducedMarch, i: int) -> sp.csr_array:
+    """Force (3, n_full) on side E of the springs of an interface, global axes, and its normal resultant in compression,
+    (4, n_full), by the motion."""
+    unit, tied = march.bodies.interfaces[i], march.tied
+    forces = -sp.diags_array(spring_weights(unit)) @ jump_rows(march.bodies.layout, tied.trace, i)
+    return sp.csr_array(_resultants(march, i) @ forces)
+
+
+def _resultants(march: ReducedMarch, i: int) -> sp.csr_array:
+    """Resultant force and, positive in compression, normal resultant (4, k) of forces on the channels of side E."""
+    unit, layout = march.bodies.interfaces[i], march.bodies.layout
+    size = layout.channels(i, 0).shape[1]
+    frames = unit.geometry.frames[:, :size].reshape(-1, 3).T
+    normal = np.zeros((len(unit.geometry.areas), size))
+    normal[:, 0] = -1.0
+    return sp.csr_array(np.vstack([frames, normal.ravel()]))
+
+
+def bond_rows(march: ReducedMarch) -> dict[int, sp.csr_array]:
+    """Of each bond the rows (4, n_full) that give its resultant force on side E, global axes, and its normal resultant,
+    positive in compression, by the forces g on the bodies."""
+    tied, layout = march.tied, march.bodies.layout
+    bonded = tied.joints.bonded
+    if not bonded:
+        return {}
+    expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
+    weights = {}
+    for k, i in enumerate(bonded):
+        channels = layout.channels(i, 0).ravel()
+        weights[i] = np.zeros((4 * len(bonded), channels.size))
+        weights[i][4 * k : 4 * k + 4] = (_resultants(march, i) @ sp.diags_array(layout.area[channels])).toarray()
+    rows = BondForces(bonded, layout, tied.trace, expansion).sums(weights)
+    return {i: sp.csr_array(rows[4 * k : 4 * k + 4]) for k, i in enumerate(bonded)}
