@@ -153,8 +153,10 @@ class Drives:
 
     def _varies(self, place: DrivePlace) -> bool:
         """Whether a drive of a reduced assembly is a motion, or a load that a source gives."""
-        load = self.bodies.propagators[place.number].forcing.members[place.member].loads[place.index or 0]
-        return place.kind is not None or load.name in (*self.sources.inputs, *self.sources.laws)
+        if place.kind is not None:
+            return True
+        load = self.bodies.propagators[place.number].forcing.members[place.member].loads[place.index]
+        return load.name in (*self.sources.inputs, *self.sources.laws)
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""

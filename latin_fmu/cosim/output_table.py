@@ -36,7 +36,13 @@ from ..results.quantities import ENERGY as _TERMS
 from ..scene.interfaces import Interface
 from ..scene.ports import COMPONENTS, Port
 from ..scene.schema import Scene
+from ..scene.settings import ModalPropagatorTable
 from .variable import AXES, Variable, output
+
+
+def marched_by_modes(scene: Scene) -> bool:
+    """Whether communication steps march the assembly of a scene by its modes: where the scene demands it."""
+    return isinstance(scene.solver.propagator, ModalPropagatorTable)
 
 
 class FacePoints(NamedTuple):
@@ -294,9 +300,14 @@ def _energy(name: str, *parts: str) -> OutputKind:
     return OutputKind(name, "J", meaning, lambda signals, _: signals.energies(parts or (name,)))
 
 
+def follows_energies(scene: Scene) -> bool:
+    """Whether energies are outputs: asked for, and of bodies that are marched themselves."""
+    return scene.output.energy and not marched_by_modes(scene)
+
+
 ENERGY: Final = Family(
     "energy.",
-    lambda scene: {"": scene} if scene.output.energy else {},
+    lambda scene: {"": scene} if follows_energies(scene) else {},
     lambda _name, _scene: {},
     (
         _energy("kinetic"),

@@ -31,7 +31,7 @@ from ..scene.schema import Scene
 from .drives import Drives
 from .signals import Signals
 
-_LEFT_OUT: Final = 1e-9  # of the rows of all outputs on relative motions, each of length 1: singular values below
+_LEFT_OUT: Final = 1e-7  # of the rows of all outputs on relative motions, each of length 1: singular values below
 _READ: Final = "outputs"
 
 
@@ -82,7 +82,10 @@ class OutputRows:
         ends = np.cumsum([0, *(matrix.shape[0] for matrix in rows.values())]).tolist()
         places = {key: slice(*span) for key, span in zip(rows, itertools.pairwise(ends), strict=True)}
         shares = row_shares(march, sp.csr_array(sp.vstack([sp.csr_array((0, tied.trace.shape[1])), *rows.values()])))
-        return OutputRows(places, shares, *_combinations(shares.relative), bonds)
+        relative = shares.relative.copy()
+        for (kind, _), part in places.items():  # accelerations of r are not taken
+            relative[part][{"mass": slice(None), "force": slice(6, 9)}.get(kind, slice(0))] = 0.0
+        return OutputRows(places, shares, *_combinations(relative), bonds)
 
 
 def _combinations(relative: Array) -> tuple[Array, Array]:
@@ -92,7 +95,8 @@ def _combinations(relative: Array) -> tuple[Array, Array]:
     if not there.any():
         return np.zeros((len(relative), 0)), np.zeros((0, relative.shape[1]))
     _, values, vectors = np.linalg.svd(relative[there] / sizes[there, None], full_matrices=False)
-    vectors = vectors[values > _LEFT_OUT]
+    # digits beyond single precision would double the size of an FMU
+    vectors = vectors[values > _LEFT_OUT].astype(np.float32).astype(float)
     return relative @ vectors.T, vectors
 
 

@@ -30,12 +30,14 @@ from ..machine import one_thread
 from ..propagator import Propagator
 from ..propagator.base import full_displacement, full_velocity
 from ..propagator.forcing import STRAIN, MotionState
+from ..remarks import remarks_of
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from ..scene.settings import ModalPropagatorTable
 from ..statics.starts import starting_equilibrium
+from .output_table import marched_by_modes
 
 _ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
+_NO_ENERGIES: Final = "no energies are followed in communication steps of an assembly that is marched by its modes"
 RUNNING: Final = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
 
 
@@ -81,11 +83,6 @@ class Segment:
     def error_indicator(self) -> float:
         """Largest sqrt(eta) of the accepted iterates of the windows."""
         return self.windows.largest_error()
-
-
-def marched_by_modes(scene: Scene) -> bool:
-    """Whether communication steps march the assembly of a scene by its modes: where the scene demands it."""
-    return isinstance(scene.solver.propagator, ModalPropagatorTable)
 
 
 class SegmentState:
@@ -147,11 +144,11 @@ class SegmentState:
         if not marched_by_modes(self.scene):
             return self._discretised.build(start)
         reasons = modes_refused(self.scene, False)
-        if self.scene.output.energy:
-            reasons.append("energies of communication steps are those of bodies")
         try:
             if not reasons:
-                return modal_problem(self._discretised, start)
+                problem = modal_problem(self._discretised, start)
+                remarks = remarks_of("propagator", [_NO_ENERGIES] if self.scene.output.energy else [])
+                return replace(problem, warnings=(*problem.warnings, *remarks))
         except TieError as error:
             reasons.append(str(error))
         raise SceneError.of(

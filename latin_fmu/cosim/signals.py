@@ -23,7 +23,7 @@ from ..propagator.forcing import STRAIN
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
-from .output_table import INTERFACE, FacePoints, first_of_events, outputs_of, places_of
+from .output_table import INTERFACE, FacePoints, first_of_events, follows_energies, outputs_of, places_of
 
 _POINTS = 32  # points whose unit fields are read at a time
 
@@ -171,7 +171,7 @@ class Signals(SignalPlaces):
     def __init__(self, scene: Scene, drives: Drives, recorder: Recorder) -> None:
         super().__init__(drives, recorder)
         self._scene = scene
-        self.n += len(ENERGIES) * scene.output.energy
+        self.n += len(ENERGIES) * follows_energies(scene)
 
     def _kept(self) -> sp.csr_array:
         """Numbers of a row of ``InterfaceRows`` from the signals."""

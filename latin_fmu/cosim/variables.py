@@ -11,9 +11,9 @@ from typing import Final
 
 from ..scene.ports import COMPONENTS, indexed
 from ..scene.schema import Scene
-from ..scene.settings import MAX_ITERATIONS, ModalPropagatorTable
+from ..scene.settings import MAX_ITERATIONS
 from .input_table import given_of
-from .output_table import AT_POINTS, outputs_of
+from .output_table import AT_POINTS, marched_by_modes, outputs_of
 from .variable import Kind, Variable, input_variable, output, parameter, variable_of
 
 WINDOWED, PRESCRIBED = 0, 1
@@ -141,7 +141,7 @@ def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
     for name, interface in scene.joints.items():
         for what, (unit, meaning, shape) in AT_POINTS.items():
             if name in n_point and (len(shape) > 1 or interface.behaves_open):
-                if what == "velocity" and isinstance(scene.solver.propagator, ModalPropagatorTable):
+                if what == "velocity" and marched_by_modes(scene):
                     meaning = _OVER_THE_OTHER
                 numbers = tuple(k or n_point[name] for k in shape)
                 yield output(f"interface.{name}.points.{what}", unit, meaning, dimensions=numbers)
