@@ -124,10 +124,10 @@ class ReducedSignals(Signals):
         first, n_load = reduced.rigid.shape[1], len(self._places)
         basis, place = shares.basis[part], self.probes.places["path"][_READ]
         rows = sp.lil_array((basis.shape[0], self.n))
-        modal = [self._sensor(0, kind, place.part.start + j, 0) for j in range(place.part.stop - place.part.start)]
-        rows[:, modal[:m]] = basis[:, :m]
         if kind == STRAIN and not len(self._assembly.propagators[0].branches):
             return sp.csr_array(rows)
+        modal = [self._sensor(0, kind, place.part.start + j, 0) for j in range(place.part.stop - place.part.start)]
+        rows[:, modal[:m]] = basis[:, :m]
         if kind != 2:
             rows[:, modal[m:]] = self._rows.combined[part]
         # loads beside what the modes have of them at rest
