@@ -42,6 +42,9 @@ def outputs_of(scene: Scene, inputs: Histories, dt: float) -> tuple[Session, His
     """Outputs at the instants of a session whose inputs are straight lines between those of their histories."""
     session = Session(scene)
     count = scene.time.n_step
+    if scene.time.start.type != "static":  # the image is made for other values than those of the simulation
+        session.initialize()
+        session.reset()
     for name, values in inputs.items():
         session.set_load(name, float(values[0]))
     session.initialize()
