@@ -1,6 +1,6 @@
 """Bolted assemblies marched in four ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
-    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep]
+    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep] [--fmu]
 
 ``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
 bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march for the
@@ -17,6 +17,9 @@ recorded but the motion of the sensor, by which both are compared. Bonds iterate
 which makes the set-up, and those that follow, over a run of the scene itself without fields. Shortened runs are not
 marched by modes.
 
+``--fmu`` prints instead what an FMU of each assembly costs by its modes: the export, its size, instantiation with
+initialization in fmpy, and its steps of one instant over those of the march of a run by modes.
+
 ``--share`` shortens the runs, to see that it works. ``--former`` is the interpreter of an environment with a former
 version of this package, which runs in turn with the others as it marches by default (one is made by ``git worktree add
 FOLDER d672431a`` and the two commands of the README there).
@@ -32,7 +35,7 @@ import sys
 import tempfile
 from pathlib import Path
 from statistics import median
-from time import process_time
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -258,6 +261,53 @@ def compare_sweep(share: float, rounds: int) -> None:
     print(f"  a later point over a run {later / alone:.2f}, the sweep over a run {whole / alone:.2f}")
 
 
+def fmu_apart(model: str, share: float) -> dict[str, Any]:
+    """What an FMU of an assembly by its modes costs, and the march of the run."""
+    from fmpy import extract, read_model_description
+    from fmpy.fmi2 import FMU2Slave
+
+    import latin_fmu
+    from fmu_build.build import build_fmu
+
+    changes = ["solver.propagator=modal", "output.energy=false", "output.fields=false"]
+    scene = latin_fmu.load_scene(MODELS / model / "scene.toml", changes).replace("time.end", share * ENDS[model])
+    with tempfile.TemporaryDirectory() as folder:
+        begin = process_time()
+        file = build_fmu(scene, Path(folder) / "assembly.fmu", extra={})
+        export = process_time() - begin
+        about, unpacked = read_model_description(str(file)), extract(str(file), folder)
+        options = {"guid": about.guid, "modelIdentifier": about.coSimulation.modelIdentifier, "instanceName": "one"}
+        begin = perf_counter()
+        fmu = FMU2Slave(unzipDirectory=unpacked, **options)
+        fmu.instantiate()
+        fmu.setupExperiment(startTime=0.0)
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        start = perf_counter() - begin
+        begin, dt = process_time(), scene.time.time_step
+        for i in range(scene.time.n_step):
+            fmu.doStep(i * dt, dt)
+        steps = process_time() - begin
+        fmu.terminate()
+        size = file.stat().st_size / 1e6
+    solution = latin_fmu.solve(scene)
+    outputs = sum(variable.causality == "output" for variable in about.modelVariables)
+    numbers = {"export": export, "size": size, "start": start, "outputs": outputs}
+    return numbers | {"steps": steps, "march": solution.timings.march}
+
+
+def compare_fmus(share: float, rounds: int) -> None:
+    """Print what FMUs of the assemblies cost by modes; steps over the march are medians of the rounds."""
+    for model in ENDS:
+        found = [apart(share, "fmu", model) for _ in range(rounds)]
+        export, size, start = (median(run[key] for run in found) for key in ("export", "size", "start"))
+        over = median(run["steps"] / run["march"] for run in found)
+        print(
+            f"{model}: export {export:.0f} s, {size:.1f} MB, {found[0]['outputs']} outputs, start {start:.3f} s, steps "
+            f"{over:.2f} of the march"
+        )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -265,16 +315,23 @@ def main() -> None:
     parser.add_argument("--share", type=float, default=1.0, help="of the time of each run")
     parser.add_argument("--former", help="interpreter of an environment with a former version")
     parser.add_argument("--sweep", action="store_true", help="what the points of a sweep cost")
+    parser.add_argument("--fmu", action="store_true", help="what an FMU costs")
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one == ["sweep", "points"]:
         print(json.dumps(sweep_apart(given.share)))
+        return
+    if given.one and given.one[0] == "fmu":
+        print(json.dumps(fmu_apart(given.one[1], given.share)))
         return
     if given.one:
         print(json.dumps(bonded(*given.one, given.share) if len(given.one) == 1 else one(*given.one, given.share)))
         return
     if given.sweep:
         compare_sweep(given.share, given.rounds)
+        return
+    if given.fmu:
+        compare_fmus(given.share, given.rounds)
         return
     compare_bonded(given.share, given.rounds)
     for model in ENDS:

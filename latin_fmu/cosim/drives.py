@@ -126,7 +126,7 @@ class Drives:
 
     def __init__(self, run: SegmentedRun, sources: Sources) -> None:
         self.bodies, self.assembly = run.problem.assembly, run.problem.marched
-        self._reduced = run.problem.reduced
+        self._reduced = cast(ReducedMarch | None, run.problem.reduced)
         self._timeline = run.problem.timeline
         self.sources = sources
         self.dt = run.dt
@@ -147,7 +147,7 @@ class Drives:
         """What the branches of the bodies make of static responses to loads: of a reduced assembly."""
         if self._reduced is None:
             return LoadStrains([], NO_BRANCHES, self.dt)
-        march = cast(ReducedMarch, self._reduced)
+        march = self._reduced
         places = [(k, p) for k, p in enumerate(drive_places(march.tied, self.bodies)) if self._varies(p)]
         return LoadStrains(places, self.assembly.propagators[0].branches, self.dt)
 
@@ -155,7 +155,7 @@ class Drives:
         """Whether a drive of a reduced assembly is a motion, or a load that a source gives."""
         if place.kind is not None:
             return True
-        load = self.bodies.propagators[place.number].forcing.members[place.member].loads[place.index]
+        load = self.bodies.propagators[place.number].forcing.members[place.member].loads[place.entry]
         return load.name in (*self.sources.inputs, *self.sources.laws)
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:

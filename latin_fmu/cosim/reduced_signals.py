@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,7 +23,7 @@ from ..assembly.supports import port_key
 from ..joined.motion_rows import RowShares, bond_rows, mean_rows, row_shares, spring_rows
 from ..joined.reduced_run import NAME, DrivePlace, MotionPlace, ReducedMarch, drive_places
 from ..joined.tied_assembly import DAMPING, MASS, STIFFNESS
-from ..latin.outcome import Array
+from ..latin.assembly import Array, Index
 from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
 from ..propagator.forcing import STRAIN
@@ -146,7 +146,7 @@ class ReducedSignals(Signals):
         if kind == STRAIN:
             weights = {STRAIN + j: g for j, g in enumerate(self._bodies.propagators[place.number].branches.strengths)}
         for what, weight in weights.items():
-            rows[:, [self._motion(place.number, what, place.index, place.member)]] += weight * column[:, None]
+            self._add_column(rows, self._motion(place.number, what, place.entry, place.member), weight * column)
 
     def _add_drive(self, rows: sp.lil_array, k: int, kind: int, column: Array) -> None:
         """Add the amplitude of a drive (0), its rate over the last step (1), nothing for its acceleration (2), or what
@@ -160,23 +160,30 @@ class ReducedSignals(Signals):
         if place.kind is not None:
             # the rate of an acceleration is not known
             if place.kind + kind < 3:
-                at = self._motion(place.number, place.kind + kind, place.index, place.member)
+                at = self._motion(place.number, place.kind + kind, place.entry, place.member)
                 rows[:, [at]] += column[:, None]
             return
         member = self._bodies.propagators[place.number].forcing.members[place.member]
-        source = self._source(member.loads[place.index].name)
+        source = self._source(member.loads[place.entry].name)
         if kind == 0:
             constant = place.amplitude(self._bodies)[0] if source is None else 1.0
-            rows[:, [self._one if source is None else source]] += constant * column[:, None]
+            self._add_column(rows, self._one if source is None else source, constant * column)
         elif source is not None:
-            rows[:, [source]] += column[:, None] / self._drives.dt
-            rows[:, [source - len(self._drives.sources)]] -= column[:, None] / self._drives.dt
+            self._add_column(rows, source, column / self._drives.dt)
+            self._add_column(rows, source - len(self._drives.sources), -column / self._drives.dt)
 
     def _add_strain_of(self, rows: sp.lil_array, k: int, column: Array) -> None:
         """Add what the branches of the bodies make of a drive."""
-        strains, at = self._drives.strains, self._drives.strains.place(k)
-        for j, strength in enumerate(strains.branches.strengths if at is not None else ()):
-            rows[:, [self._drive + self._drives.n_moved + at + j]] += strength * column[:, None]
+        strains = self._drives.strains
+        at = strains.place(k)
+        if at is None:
+            return
+        for j, strength in enumerate(strains.branches.strengths):
+            self._add_column(rows, self._drive + self._drives.n_moved + at + j, strength * column)
+
+    def _add_column(self, rows: Any, at: int, column: Array) -> None:
+        """Add a column (k,) to the one at a place."""
+        rows[:, [at]] += column[:, None]
 
     def motion(self, name: str, kind: int) -> sp.csr_array:
         """Displacement (0) or velocity (1) of a sensor, or of a port by its key."""
@@ -204,7 +211,7 @@ class ReducedSignals(Signals):
         propagators = self._bodies.propagators
         return next((c, p.names.index(substructure)) for c, p in enumerate(propagators) if substructure in p.names)
 
-    def _tractions(self, channels: Array) -> sp.csr_array:
+    def _tractions(self, channels: Index) -> sp.csr_array:
         """Tractions (k, n), Pa, of contacts at channels of the interfaces of the bodies; those of bonds and springs are
         no signals, and zero."""
         layout, inner = self._bodies.layout, self._assembly.layout
@@ -262,4 +269,4 @@ class ReducedSignals(Signals):
             self._add_drive(total, k, 0, -np.asarray(loads[:, k]))
         tied, layout = march.tied, march.bodies.layout
         carried = sp.csr_array(rows @ tied.trace.T @ sp.diags_array(layout.area))
-        return sp.csr_array(sp.csr_array(total) - carried @ self._tractions(np.arange(layout.n_flat)))
+        return sp.csr_array(sp.csr_array(total) - carried @ self._tractions(np.arange(layout.n_flat, dtype=np.int64)))

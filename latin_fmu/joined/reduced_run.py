@@ -110,17 +110,17 @@ class DrivePlace(NamedTuple):
 
     number: int
     member: int
-    index: int
+    entry: int
     kind: int | None = None
 
     def amplitude(self, bodies: Assembly) -> Array:
         """At the instants (n_time,) that the bodies have begun with."""
         forcing = bodies.propagators[self.number].forcing
         if self.kind is None:
-            return forcing.amplitudes[self.member][self.index]
+            return forcing.amplitudes[self.member][self.entry]
         histories = forcing.motion_histories(self.member)
         assert histories is not None, "a body without motions has no place of one"
-        return np.asarray(histories[self.kind][:, self.index])
+        return np.asarray(histories[self.kind][:, self.entry])
 
 
 def drive_places(tied: TiedAssembly, bodies: Assembly) -> list[DrivePlace]:

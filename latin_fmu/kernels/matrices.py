@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .products import add_dense, add_dense_members, add_rows, add_terms, symmetric_size
+from .products import LONG, add_dense, add_dense_members, add_rows, add_terms, read_long_rows, symmetric_size
 from .splits import dense, tile_of
 
 Array = NDArray[np.float64]
@@ -169,23 +169,36 @@ def probe(pools: Any, c: int, instant: int) -> None:
         add_matrix(pools, row.n_probe, row.probe_starts, row.probe_columns, row.probe_values, row.m, velocities, out)
     if row.n_sensor == 0:
         return
-    wide = row.n_sensor * row.m
-    for kind in range(3):
-        first = row.u if kind == 0 else row.v if kind == 1 else row.a
-        at = row.sensed + wide * (row.n_sensed * at_row + kind)
-        out = pools.moving[at : at + wide]
-        out[:] = 0.0
-        field = state[first : first + size]
-        add_matrix(pools, row.n_sensor, row.sensor_starts, row.sensor_columns, row.sensor_values, row.m, field, out)
-    if row.n_branch == 0:
-        return
-    strained = pools.moving[row.u_free : row.u_free + size]
-    strained[:] = 0.0
-    for j in range(row.n_branch):
-        strength, first = pools.fixed[row.branches + j], row.elongation + j * size
-        for i in range(size):
-            strained[i] += strength * state[first + i]
-    at = row.sensed + wide * (row.n_sensed * at_row + 3)
-    out = pools.moving[at : at + wide]
+    # of no branches the displacements once more
+    strained = state[row.u : row.u + size]
+    if row.n_branch > 0:
+        strained = pools.moving[row.u_free : row.u_free + size]
+        strained[:] = 0.0
+        for j in range(row.n_branch):
+            strength, first = pools.fixed[row.branches + j], row.elongation + j * size
+            for i in range(size):
+                strained[i] += strength * state[first + i]
+    read_sensors(pools, c, at_row, strained)
+
+
+@kernel
+def read_sensors(pools: Any, c: int, at_row: int, strained: Array) -> None:
+    """Displacements, velocities, accelerations and, with branches, ``strained`` (n m,) at the sensors, into a row of
+    the output."""
+    row, state = pools.classes[c], pools.moving
+    n, wide = row.n_sensor, row.n_sensor * row.m
+    size = row.n * row.m
+    u, v, a = state[row.u : row.u + size], state[row.v : row.v + size], state[row.a : row.a + size]
+    at = row.sensed + wide * row.n_sensed * at_row
+    out = state[at : at + wide * row.n_sensed]
     out[:] = 0.0
-    add_matrix(pools, row.n_sensor, row.sensor_starts, row.sensor_columns, row.sensor_values, row.m, strained, out)
+    starts = pools.fixed_int[row.sensor_starts : row.sensor_starts + n + 1]
+    if row.m == 1 and starts[n] >= LONG * n:
+        columns = pools.fixed_col[row.sensor_columns : row.sensor_columns + starts[n]]
+        values = pools.fixed[row.sensor_values : row.sensor_values + starts[n]]
+        read_long_rows(n, row.n_sensed, starts, columns, values, u, v, a, strained, out)
+        return
+    for kind in range(row.n_sensed):
+        field = u if kind == 0 else v if kind == 1 else a if kind == 2 else strained
+        part = out[kind * wide : (kind + 1) * wide]
+        add_matrix(pools, n, row.sensor_starts, row.sensor_columns, row.sensor_values, row.m, field, part)

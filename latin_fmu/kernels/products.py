@@ -17,6 +17,8 @@ from ..cholesky.substitution import LANES, SPARE, TILED, four_rows, one_row
 from ..compiled import entry, kernel, ordered_kernel
 
 Array = NDArray[np.float64]
+LONG = 32
+"""Entries of a row, side by side, from which on it is taken for several vectors at once."""
 
 
 @ordered_kernel
@@ -99,6 +101,54 @@ def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m:
             now, at = factor * value[e], np.int64(column[e]) * m
             for j in range(m):
                 line[j] += now * x[at + j]
+
+
+@kernel
+def four_products(n: int, line: Array, x0: Array, x1: Array, x2: Array, x3: Array) -> tuple[float, float, float, float]:
+    """Products of a row (n,) with four vectors (n,)."""
+    t0 = t1 = t2 = t3 = 0.0
+    for k in range(n):
+        value = line[k]
+        t0 += value * x0[k]
+        t1 += value * x1[k]
+        t2 += value * x2[k]
+        t3 += value * x3[k]
+    return t0, t1, t2, t3
+
+
+@kernel
+def read_long_rows(
+    n: int,
+    kinds: int,
+    starts: Any,
+    columns: Any,
+    values: Array,
+    u: Array,
+    v: Array,
+    a: Array,
+    strained: Array,
+    out: Array,
+) -> None:
+    """out (kinds, n) = A x of up to four vectors for A in compressed rows; rows whose columns follow one another are
+    taken for all vectors at once."""
+    for i in range(n):
+        begin, length = starts[i], starts[i + 1] - starts[i]
+        line = values[begin : begin + length]
+        at = np.int64(columns[begin]) if length > 0 else 0
+        if length >= LONG and np.int64(columns[begin + length - 1]) - at == length - 1:
+            end = at + length
+            sums = four_products(length, line, u[at:end], v[at:end], a[at:end], strained[at:end])
+        else:
+            t0 = t1 = t2 = t3 = 0.0
+            for e in range(length):
+                k = columns[begin + e]
+                t0 += line[e] * u[k]
+                t1 += line[e] * v[k]
+                t2 += line[e] * a[k]
+                t3 += line[e] * strained[k]
+            sums = (t0, t1, t2, t3)
+        for kind in range(kinds):
+            out[kind * n + i] = sums[kind]
 
 
 @kernel
