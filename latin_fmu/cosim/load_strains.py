@@ -45,6 +45,8 @@ class LoadStrains:
 
     def after(self, bodies: Assembly, before: Array, instant: int) -> Array:
         """Elongations (size,) at an instant of the segment that the bodies have begun, from those at its first one."""
+        if not self.size:
+            return np.zeros(0)
         loads = np.array([place.amplitude(bodies) for _, place in self.places]).reshape(len(self.places), -1)
         _, c_e, c_u, _ = self.branches.weights(MasslessContact(), self.dt)
         elongations = before.reshape(len(self.places), len(self.branches))
