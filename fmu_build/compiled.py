@@ -26,7 +26,7 @@ from latin_fmu.cosim.communication import CommunicationRun, write
 from latin_fmu.cosim.table_file import Identity, RecordPart, checksum, output_places, table_file
 from latin_fmu.cosim.variable import Variable
 from latin_fmu.cosim.variables import table_of
-from latin_fmu.errors import InputError, Problem
+from latin_fmu.errors import InputError, NeedsPythonError, Problem
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
@@ -55,6 +55,12 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
     ------
     NeedsPythonError : the kernels do not hold something of this scene; SceneError : it cannot be built.
     """
+    if scene.fmu.parameters:
+        names = ", ".join(scene.fmu.parameters)
+        what, remedy = "an image is made for the numbers of the scene", "omit it, or export an FMU with Python"
+        raise NeedsPythonError(
+            [Problem("fmu.parameters", what, names, None, remedy)], "the scene needs Python at run time"
+        )
     run = CommunicationRun(scene)
     image, table = write(run), _table_of(run, fmi, constant=True)
     text = hashlib.sha256(image + repr((fmi, table)).encode()).hexdigest()[:32]

@@ -240,15 +240,20 @@ def _files(options: FmuOptions, scene: Scene, note: str) -> dict[str, bytes]:
 def _foreseen(scene: Scene) -> str:
     """What the matrices of a scene will take in a compiled FMU, in words; empty where that is little."""
     from ..building import discretise
+    from ..cosim.output_table import marched_by_modes
     from ..effects.cost import Prediction, amount
 
+    if marched_by_modes(scene):
+        return ""
     prediction = Prediction(discretise(scene))
     if prediction.memory < _LARGE:
         return ""
+    remedy = "--modes 20 exports a small FMU with reduced bodies and prints its error"
+    if prediction.tries_modes:
+        remedy = "--set solver.propagator=modal exports a small FMU of the modes of the assembly"
     return (
         f"the matrices of this scene need about {amount(prediction.memory)} in the FMU and in the memory of the "
-        f"importer, and {prediction.operators:.2g} s to compute; --modes 20 exports a small FMU with reduced bodies "
-        "and prints its error"
+        f"importer, and {prediction.operators:.2g} s to compute; {remedy}"
     )
 
 

@@ -33,6 +33,7 @@ class ImageMaker:
 
     def __init__(self, scene: Callable[[], Scene], warn: Callable[[str], None]) -> None:
         self._load, self._warn = scene, warn
+        self._written: Scene | None = None
         self._scene: Scene | None = None
         self._table: tuple[Variable, ...] = ()
         self._settings: Settings | None = None
@@ -61,7 +62,7 @@ class ImageMaker:
         scene, settings = self._opened(), self._settings_of(numbers, accuracy)
         with computable():
             if self._started is None or settings != self._settings:
-                applied = settings.applied(scene)
+                applied = settings.applied(self._with_values(scene, settings))
                 self._started, self._settings = StartedRun(applied, settings.tolerance), settings
             before = self._started.run
             run = self._started.of(dict(zip(inputs_of(scene), starts, strict=True)))
@@ -78,9 +79,20 @@ class ImageMaker:
         from .variables import scalar_table
 
         if self._scene is None:
-            self._scene = completed(self._load())
+            self._written = self._load()
+            self._scene = completed(self._written)
             self._table = tuple(scalar_table(self._scene))
         return self._scene
+
+    def _with_values(self, scene: Scene, settings: Settings) -> Scene:
+        """The scene, anew from how it is written where the host has set other numbers of it."""
+        from ..assembly.interfaces import completed
+
+        assert self._written is not None
+        changed = settings.with_values(self._written)
+        if changed is self._written:
+            return scene
+        return completed(changed)
 
     def _settings_of(self, numbers: Sequence[float], accuracy: float) -> Settings:
         from .settings import Settings
@@ -97,6 +109,7 @@ class ImageMaker:
             end_time=number["endTime"],
             tolerance=tolerance,
             max_iterations=int(number["maxIterations"]),
+            values=tuple((name, number[name]) for name in self._opened().fmu.parameters),
         )
 
     def history_table(self, path: str) -> str:

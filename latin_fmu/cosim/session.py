@@ -58,11 +58,11 @@ class Session:
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None) -> None:
-        scene = completed(scene)  # variables are named after interfaces
         if settings is None:
             self.settings = Settings()
         else:
             self.settings = settings
+        scene = completed(self.settings.with_values(scene))  # variables are named after interfaces
         self.scene = self.settings.applied(scene)
         self.table = scalar_table(scene)
         self.outputs = tuple(v.name for v in self.table if v.causality == "output")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..errors import InputError, Problem
+from ..scene.overrides import number_at
 from ..scene.schema import Scene
 from ..scene.settings import MAX_ITERATIONS
 from .variables import CAUSAL, PRESCRIBED, WINDOWED
@@ -24,7 +25,8 @@ class Settings:
     mode : WINDOWED (0) or PRESCRIBED (1). interpolation : of loads inside a step, HOLD (0), RATE (1), LINE (2),
         CAUSAL (3: RATE for a load that was given a rate, else the straight line through its last two values).
     time_step : of the run, s; communication steps may be of any length. end_time : end of the interval solved in
-        prescribed mode, s. tolerance : on sqrt(eta). max_iterations : of a window.
+        prescribed mode, s. tolerance : on sqrt(eta). max_iterations : of a window. values : other numbers of the scene,
+        each with its dotted name as for ``Scene.replace``.
     keep : keep the accepted steps in memory, for ``Session.dataset`` and ``Session.estimate_error``. Windowed mode: a
         time step then takes ten to twenty times the CPU time and, of a small scene, 5 to 15 kB.
     """
@@ -36,6 +38,7 @@ class Settings:
     tolerance: float | None = None
     max_iterations: int | None = None
     keep: bool = False
+    values: tuple[tuple[str, float], ...] = ()
 
     @property
     def prescribed(self) -> bool:
@@ -44,7 +47,8 @@ class Settings:
 
     def choices(self) -> tuple[object, ...]:
         """The settings that change the numbers."""
-        return (self.mode, self.interpolation, self.time_step, self.end_time, self.tolerance, self.max_iterations)
+        numbers = self.time_step, self.end_time, self.tolerance, self.max_iterations
+        return (self.mode, self.interpolation, *numbers, *self.values)
 
     def step_of(self, scene: Scene) -> float:
         """Time step of a scene under these settings, s."""
@@ -80,8 +84,21 @@ class Settings:
             return [Problem("endTime", what, f"{end:g} s", f"at most {MAX_INSTANTS * step:g} s", "longer time steps")]
         return []
 
+    def with_values(self, scene: Scene) -> Scene:
+        """The scene with its other numbers, as it is written: before interfaces are found.
+
+        Raises
+        ------
+        SceneError : a value that does not fit.
+        """
+        tables = scene.tables() if self.values else {}
+        for name, value in self.values:
+            if number_at(tables, name) != value:
+                scene = scene.replace(name, value)
+        return scene
+
     def applied(self, scene: Scene) -> Scene:
-        """The scene with these settings, but for the tolerance, which is given to the run.
+        """The scene with these settings, but for the tolerance, which is given to the run, and for ``values``.
 
         Raises
         ------

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from ..scene.describe import unit_at
+from ..scene.overrides import number_at
 from ..scene.ports import COMPONENTS, indexed
 from ..scene.schema import Scene
 from ..scene.settings import MAX_ITERATIONS
 from .input_table import given_of
 from .output_table import AT_POINTS, marched_by_modes, outputs_of
-from .variable import Kind, Variable, input_variable, output, parameter, variable_of
+from .variable import UNITS, Kind, Variable, input_variable, output, parameter, variable_of
 
 WINDOWED, PRESCRIBED = 0, 1
 HOLD = 0
@@ -77,6 +79,14 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
     )
     for name, kind, start, unit, minimum, maximum in rows:
         yield parameter(name, kind, start, _MEANINGS[name], unit=unit, minimum=minimum, maximum=maximum)
+    tables = scene.tables() if scene.fmu.parameters else {}
+    for name in scene.fmu.parameters:
+        unit = unit_at(Scene, name)
+        if unit in UNITS:
+            words = f"{name} of the scene"
+        else:
+            words, unit = f"{name} of the scene, {unit or 'without unit'}", None
+        yield parameter(name, "real", number_at(tables, name) or 0.0, words, unit=unit)
 
 
 def _impedances(scene: Scene) -> Iterator[Variable]:

@@ -22,7 +22,7 @@ from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problem
 from .laws import TimeLaw, base_dir_of
 from .loads import Load, load_problems, load_unit
 from .materials import MaterialTable, material_problems
-from .overrides import apply_overrides, number_at, with_value
+from .overrides import apply_overrides, no_number, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
@@ -326,6 +326,10 @@ class Scene(SceneTable):
         problems = problems or history_problems(scene)
         if scene.spread and not problems:
             problems = list(spread_problems(scene.spread, scene.tables()))
+        if scene.fmu.parameters and not problems:
+            tables = scene.tables()
+            missing = [name for name in scene.fmu.parameters if number_at(tables, name) is None]
+            problems = [no_number("fmu.parameters", tables, name) for name in missing]
         if problems:
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir

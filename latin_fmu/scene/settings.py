@@ -239,14 +239,22 @@ class Output(SceneTable):
 
 
 class Fmu(SceneTable):
-    """Who made an FMU of the scene, and its terms of use; what is left out is absent from the FMU. `generationTool`
-    names this package; the licences of the software inside are in `documentation/licenses` of the FMU."""
+    """Who made an FMU of the scene, its terms of use, and what a host may change; what is left out is absent from the
+    FMU. `generationTool` names this package; the licences of the software inside are in `documentation/licenses` of the
+    FMU."""
 
     author: Annotated[Text, about("author of the model, a person or an organisation")] = ""
     version: Annotated[Text, about("version of the model")] = ""
     copyright: Annotated[Text, about("copyright of the model")] = ""
     licence: Annotated[Text, about("licence of the model, attribute `license` of the FMI")] = ""
     description: Annotated[Text, about("description of the model; default: that of the scene")] = ""
+    parameters: Annotated[
+        tuple[Text, ...],
+        about(
+            "numbers of the scene that a host sets before a simulation, by their dotted names as in `--set`, e.g. "
+            '`["contact.joints.friction_coefficient", "bolt.b1.force"]`; the FMU then needs Python at initialization'
+        ),
+    ] = ()
 
 
 def _check_quantity(quantity: str) -> str:
