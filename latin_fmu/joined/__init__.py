@@ -8,6 +8,9 @@ dynamic_stiffness, modal_damping   stiffness that depends on frequency, damping 
 damping_band                       the band in which [damping] holds its ratio
 bond_groups, bonded_run, fields    bonded bodies as one substructure of the march
 reduced_assembly, reduced_run      modes and relative motions of the contacts, and their march
-recovered_fields, modal_problem    fields of the bodies from that march; a scene made into one
+rigid_parts, modal_problem         inertia of parts that move as a whole; a scene made into such a march
+motion_rows, recovered_fields      rows of the motion of the bodies; their fields from that march
+recovered_energies                 energies of the whole assembly
+recovered_resultants               what a study reads: contacts, sensors, resultants of bonds
 =================================  ====================================================================
 """
