@@ -48,6 +48,20 @@ def _shear_rows(assembly: Assembly, i: int, n: int) -> sp.csr_array:
     return sp.csr_array(rows)
 
 
+def _unknowns(assembly: Assembly, i: int, width: int) -> Any:
+    """Numbers in a row of ``InterfaceRows`` of the unknowns of an interface, (n_unknown, n_point)."""
+    layout, group = assembly.layout, assembly.layout.group(i)
+    table = InterfaceRows(assembly, np.arange(float(width))[None])
+    flat = [layout.channels(i, side) for side in (0, 1)]
+    # traction of side E alone, whose opposite is that of E'; velocities of both sides, n_flat later
+    parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
+    parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
+    if i in table.slide:
+        parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)]
+    # six numbers a point: three components of each side
+    return np.concatenate(parts).astype(np.int64)
+
+
 class SignalPlaces:
     """Places of the signals of an assembly."""
 
@@ -224,7 +238,7 @@ class Signals(SignalPlaces):
     def _interface_rows(self, i: int, row_matrix: sp.csr_array) -> dict[str, sp.csr_array]:
         """Those of an interface of the march."""
         assembly, width = self._assembly, row_matrix.shape[0]
-        unknowns, unit = self._unknowns(i, width), assembly.interfaces[i]
+        unknowns, unit = _unknowns(self._assembly, i, width), assembly.interfaces[i]
         geometry = unit.geometry
         faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
         every = self._unit_fields(i, width)  # of all points at once, then taken apart
@@ -249,7 +263,7 @@ class Signals(SignalPlaces):
     def _unit_fields(self, i: int, width: int) -> PointFields:
         """Fields of an interface whose points all have one of their unknowns 1, (n_unknown, ...): a point depends on
         its own unknowns alone."""
-        table = self._unknowns(i, width)
+        table = _unknowns(self._assembly, i, width)
         rows = np.zeros((len(table), width))
         for row, unknowns in zip(rows, table, strict=True):
             row[unknowns] = 1.0
@@ -262,7 +276,10 @@ class Signals(SignalPlaces):
         status = np.full(len(self._assembly.interfaces), -1, dtype=np.int64)
         for i, unit in enumerate(self._assembly.interfaces):
             n = unit.geometry.n_point
-            unknowns, fields = self._unknowns(i, row_matrix.shape[0]), self._unit_fields(i, row_matrix.shape[0])
+            unknowns, fields = (
+                _unknowns(self._assembly, i, row_matrix.shape[0]),
+                self._unit_fields(i, row_matrix.shape[0]),
+            )
             parts = [fields.traction.reshape(-1, 1, n, 3), fields.velocity]
             if fields.gap is not None:
                 parts += [fields.gap.reshape(-1, 1, n, 1)]
@@ -279,19 +296,6 @@ class Signals(SignalPlaces):
                 status[i] = at
                 at += n
         return {"field": sp.csr_array(sp.vstack(blocks)), "status_place": status}
-
-    def _unknowns(self, i: int, width: int) -> Any:
-        """Numbers in a row of ``InterfaceRows`` of the unknowns of an interface, (n_unknown, n_point)."""
-        layout, group = self._assembly.layout, self._assembly.layout.group(i)
-        table = InterfaceRows(self._assembly, np.arange(float(width))[None])
-        flat = [layout.channels(i, side) for side in (0, 1)]
-        # traction of side E alone, whose opposite is that of E'; velocities of both sides, n_flat later
-        parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
-        parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
-        if i in table.slide:
-            parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)]
-        # six numbers a point: three components of each side
-        return np.concatenate(parts).astype(np.int64)
 
     def motion(self, name: str, kind: int) -> sp.csr_array:
         """Displacement (0), velocity (1) or acceleration (2) of a sensor, or of a port by its key."""

@@ -347,12 +347,6 @@ class ReducedAssembly:
             times += branches.times
         return MaxwellBranches(tuple(strengths), tuple(times))
 
-    @property
-    def mean_branches(self) -> MaxwellBranches:
-        """Branches of the bodies that have some, weighted by their strain energy in the elastic modes."""
-        share = sum(float((stiffness / self.values).mean()) for _, stiffness in self._strained)
-        return MaxwellBranches(tuple(g / share for g in self.branches.strengths), self.branches.times)
-
     @cached_property
     def static_loads(self) -> Array:
         """K+ f (n_free, n_load)."""
@@ -402,6 +396,13 @@ class ReducedAssembly:
         n = self.tied.n_free
         on_relative = forces[n:] - self.coupling.T @ static - self.rigid_share.T @ (self.rigid.T @ forces[:n])
         return np.asarray(on_relative)
+
+
+def mean_branches(reduced: ReducedAssembly) -> MaxwellBranches:
+    """Branches of the bodies that have some, weighted by their strain energy in the elastic modes."""
+    relaxing = [model.name for model in reduced.tied.models if len(model.branches)]
+    share = sum(float((reduced.of_bodies[name].diagonal() / reduced.values).mean()) for name in relaxing)
+    return MaxwellBranches(tuple(g / share for g in reduced.branches.strengths), reduced.branches.times)
 
 
 def with_forces(reduced: ReducedAssembly, forces: Array) -> ReducedAssembly:

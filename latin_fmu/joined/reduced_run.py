@@ -37,6 +37,7 @@ from .reduced_assembly import (
     coarser,
     coordinates,
     marched_rows,
+    mean_branches,
     strain_rows,
     with_bodies,
     with_forces,
@@ -238,7 +239,7 @@ class ReducedMarch:
         instant needs; before its image is made. Bodies with different branches have the mean of all."""
         kinds = {model.branches for model in self.tied.models if len(model.branches)}
         if len(kinds) > 1:
-            kinds = {self.reduced.mean_branches}
+            kinds = {mean_branches(self.reduced)}
         for branches in kinds:
             (propagator,) = self.assembly.propagators
             # without any force: the stiffness beside that of modes and relative motions is zero
