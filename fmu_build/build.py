@@ -342,11 +342,9 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = Fals
 def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
     """Every file of the FMU for Model Exchange, by path inside the archive."""
     if scene.fmu.parameters:
-        names, what = ", ".join(scene.fmu.parameters), "the reduced model is made for the numbers of the scene"
-        problem = Problem(
-            "fmu.parameters", what, names, None, "omit it, or export an FMU with Python for co-simulation"
-        )
-        raise InputError([problem], "the FMU cannot be made")
+        what, remedy = "the reduced model is made for the numbers of the scene", "export an FMU for co-simulation"
+        asked = ", ".join(scene.fmu.parameters)
+        raise InputError.of("the FMU cannot be made", "fmu.parameters", what, asked, remedy=remedy)
     scene = completed(scene)
     system = reduced_system(scene, n_mode, n_patch)
     equations = Equations(system, scene.output.energy)
