@@ -16,13 +16,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..kernels.energy_parts import N_TERM
 from ..latin.assembly import Array, Index
+from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
@@ -254,6 +255,21 @@ class Motions:
         return {i: np.concatenate(parts) for i, parts in tractions.items()}
 
 
+class MarchHistories(Protocol):
+    """What is read of the march of a reduced assembly."""
+
+    @property
+    def n_kept(self) -> int:
+        """Instants, t = 0 included."""
+
+    @property
+    def rows(self) -> InterfaceRows:
+        """Fields of its interfaces."""
+
+    def series(self, kind: str) -> Mapping[Any, Array]:
+        """Series of a kind over the kept instants by name."""
+
+
 class RecoveredRecorder(Recorder):
     """Histories of the bodies and interfaces of an assembly that was marched as a reduced one.
 
@@ -264,7 +280,7 @@ class RecoveredRecorder(Recorder):
     """
 
     def __init__(
-        self, march: ReducedMarch, recorder: Recorder, request: OutputRequest, info: dict[str, SubstructureInfo]
+        self, march: ReducedMarch, recorder: MarchHistories, request: OutputRequest, info: dict[str, SubstructureInfo]
     ) -> None:
         give_back_memory()  # of the march
         super().__init__(march.bodies, request, info)

@@ -30,7 +30,7 @@ would be right at one frequency alone, and what modes far above a frequency and 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -59,6 +59,7 @@ _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motio
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
 _OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "beyond", "of_bodies")  # of the tied assembly
+_OF_FORCES: Final = ("static_loads", "drives")  # what follows from loads
 _EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
 _COLUMNS: Final = 40  # that are solved together: vectors of all dofs
@@ -398,11 +399,17 @@ class ReducedAssembly:
         return np.asarray(on_relative)
 
 
-def with_forces(reduced: ReducedAssembly, forces: Array) -> ReducedAssembly:
-    """The same under loads (n_full, n_load), N for amplitude 1."""
-    other = replace(reduced, forces=np.asarray(reduced.tied.expansion.T @ forces))
-    # what follows from matrices that may be gone
-    other.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES if name in reduced.__dict__})
+def with_forces(
+    reduced: ReducedAssembly, forces: Array, models: list[SubstructureModel] | None = None
+) -> ReducedAssembly:
+    """The same under loads (n_full, n_load), N for amplitude 1; ``models`` : of the bodies, with equal matrices and
+    other initial values, None for those that it has."""
+    tied = reduced.tied if models is None else replace(reduced.tied, models=models)
+    other = replace(reduced, tied=tied, forces=np.asarray(tied.expansion.T @ forces))
+    # what does not follow from loads, some of it from matrices that may be gone
+    given = {field.name for field in fields(reduced)}
+    known = {name: part for name, part in reduced.__dict__.items() if name not in given and name not in _OF_FORCES}
+    other.__dict__.update(known)
     return other
 
 

@@ -80,8 +80,8 @@ class DrivenLoads:
         return np.asarray(np.gradient(self.amplitudes, axis=1))
 
 
-def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> DrivenLoads:
-    """Loads and driven faces of an assembly whose bodies have begun."""
+def drives_of(tied: TiedAssembly, shapes: Array, bodies: Assembly) -> DrivenLoads:
+    """Loads and driven faces of an assembly whose bodies have begun; ``shapes`` : ``static_shapes``."""
     n, n_time = tied.expansion.shape[0], len(bodies.time)
     places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
     columns = [np.zeros((n, 0))]
@@ -98,7 +98,7 @@ def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) ->
         histories = propagator.forcing.motion_histories(member)
         if histories is not None:
             moved.append(np.stack([h.T for h in histories[:3]]))
-    motions, shapes = np.concatenate(moved, axis=1), static_shapes(tied, reduced)
+    motions = np.concatenate(moved, axis=1)
     for kind, series in zip((STIFFNESS, DAMPING, MASS), motions, strict=True):
         columns.append(-tied.times(kind, shapes))
         amplitudes.append(series)
@@ -178,10 +178,13 @@ class ReducedMarch:
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
+        return Recorder(self.assembly, OutputRequest(energy=energy, faces=self.places(NAME)), {})
+
+    def places(self, name: str) -> dict[str, MotionPlace]:
+        """What is read of the substructure of this ``name``: motions of modes, and relative motions."""
         dofs, m = sp.csr_array(sp.eye_array(self.assembly.propagators[0].n_dof)), self.reduced.n_mode
         # what has no mass has velocities and accelerations of the scheme alone
-        places = {NAME: MotionPlace(NAME, dofs[:m]), RELATIVE: MotionPlace(NAME, dofs[m:], count=1)}
-        return Recorder(self.assembly, OutputRequest(energy=energy, faces=places), {})
+        return {NAME: MotionPlace(name, dofs[:m]), RELATIVE: MotionPlace(name, dofs[m:], count=1)}
 
 
 def reduced_march(
@@ -212,14 +215,14 @@ def reduced_march(
     else:
         modes, cutoff = _fewer_modes(finer, dt)
     tied = modes.tied
-    drives = drives_of(tied, modes, bodies)
+    drives = drives_of(tied, static_shapes(tied, modes), bodies)
     reduced = with_forces(modes, drives.forces)
     relative = tied.joints.relative
     alone = [against_ground(units[i]) for i in relative]
     layout = Layout(alone)
-    channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
+    channels = relative_channels(layout, range(len(relative)))
     patches = _patches(alone, reduced, layout, finer, known)
-    model = _model(reduced, _start(tied, reduced, drives), layout, channels, patches)
+    model = _model(reduced, start_of(tied, reduced, drives), layout, channels, patches)
     try:
         propagator = _propagator(model, dt, known)
     except SolverError as error:
@@ -232,7 +235,7 @@ def reduced_march(
         [channels[:, None]],
         alone,
         layout,
-        _impedance(propagator, channels, layout.n_flat),
+        relative_impedance(propagator, channels, layout.n_flat),
         bodies.characteristic_traction,
         MasslessContact(),
     )
@@ -241,7 +244,7 @@ def reduced_march(
         start.hand_over(assembly)
     histories = Histories(bodies.time, list(drives.amplitudes), np.zeros((len(bodies.time), 0)))
     propagator.begin([histories], dt)
-    ground = {j: _ground_velocity(bodies, i) for j, i in enumerate(relative)}
+    ground = {j: ground_velocity(bodies, i) for j, i in enumerate(relative)}
     still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(relative)}
     assembly.begin(bodies.time, dt, ground, still)
     moved = np.concatenate([m.displacement for m in tied.models])
@@ -320,12 +323,17 @@ def steps_resolve_spectra(scene: Scene, dt: float) -> bool:
     return all(_BEYOND * spectrum.last(dt) <= _SHARE / dt * (1.0 + 1e-9) for spectrum in spectra)
 
 
-def _ground_velocity(bodies: Assembly, i: int) -> Array:
-    """Velocity (n_time, 3) of what side E moves relative to."""
+def ground_velocity(bodies: Assembly, i: int) -> Array:
+    """Velocity (n_time, 3) of what side E of an interface moves relative to."""
     return bodies.ground.velocity.get(i, np.zeros((len(bodies.time), 3)))
 
 
-def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
+def relative_channels(layout: Layout, numbers: Sequence[int]) -> Index:
+    """Channels of the relative motions of some interfaces against ground, one after the other."""
+    return np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in numbers)])
+
+
+def relative_impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
     """Impedance (n_flat,) of the relative motions: traction of a point per velocity of its own in a step, others free;
     steps are longer than waves take through an element, and those of the materials say little."""
     impedance = np.zeros(n_flat)
@@ -334,7 +342,7 @@ def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Ar
     return impedance
 
 
-def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
+def start_of(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
     """Modes and relative motions (n,) at t = 0: displacements and velocities."""
     state = []
     for kind, loads in ((0, drives.amplitudes[:, 0]), (1, np.zeros(len(drives.amplitudes)))):

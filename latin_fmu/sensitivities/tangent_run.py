@@ -73,6 +73,9 @@ class TangentRun(RunState):
         direction = super().made_direction(settings, n)
         # places and matrix of the first copy, whose factors serve all; that of all may be too large where it is not
         one = relative_operator(self._solved.assembly) if direction.relative.get("n_matrix") else None
+        # the matrices of a reduced assembly are in patches, which products alone can read
+        if any(p.members[0].face is not None for p in self.assembly.propagators):
+            one, direction.newton = None, False
         if one is not None and (direction.newton or (direction.too_large and one["n_matrix"] <= LARGEST)):
             arrays = {name: direction.relative[name] for name in ("owner", "owner_class", "live_row")}
             direction.relative, direction.newton = one | arrays, True
