@@ -305,7 +305,7 @@ def _by_bodies_for(tangent: Tangents, modal: bool, attempt: Attempt) -> tuple[bo
     """
     if modal:
         tangent.check_modes()
-    words = f"the derivatives by {listed(tangent.of_bodies)}, which change matrices of bodies, take this march"
+    words = f"the derivatives by {listed(tangent.of_bodies)}, which change mass or stiffness, take this march"
     return False, replace(attempt, modes_open=False, modes_refused=words)
 
 

@@ -39,6 +39,18 @@ from .tied_assembly import jump_rows
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
 
+def relaxing(branches: MaxwellBranches, dt: float, moved: Array) -> Array:
+    """What Maxwell branches add to displacements (n_time, k) in internal forces: the sum of their elongations times
+    their strengths, relaxed at the start, as ``kernels.maxwell``; dt : step, s."""
+    added = np.zeros_like(moved)
+    for strength, decay, of_motion, _ in branches.weights(MasslessContact(), dt).T:
+        elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
+        for t in range(1, len(elongation)):
+            elongation[t] += decay * elongation[t - 1]
+        added += strength * elongation
+    return added
+
+
 @dataclass(frozen=True)
 class Motions:
     """Motion of all bodies of a reduced assembly over its march.
@@ -186,15 +198,8 @@ class Motions:
         return self._strains[model.branches]
 
     def relaxing(self, model: SubstructureModel, moved: Array) -> Array:
-        """What the Maxwell branches of a body add to displacements (n_time, k) in its internal forces: the sum of their
-        elongations times their strengths, relaxed at the start, as ``kernels.maxwell``."""
-        added = np.zeros_like(moved)
-        for strength, decay, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
-            elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
-            for t in range(1, len(elongation)):
-                elongation[t] += decay * elongation[t - 1]
-            added += strength * elongation
-        return added
+        """``relaxing`` displacements of a body."""
+        return relaxing(model.branches, self.march.bodies.dt, moved)
 
     # -- forces of bonds -------------------------------------------------------------------------------------------
     def internal_forces(self) -> Array:
@@ -315,6 +320,13 @@ class RecoveredRecorder(Recorder):
             self._series["energy"]["drift"][:n] = recorder.series("energy")["drift"]
         self._leave(n)
         del self._motions  # shapes of all bodies: a march for the estimate of the error may follow
+
+    def add(self, other: RecoveredRecorder, factor: float) -> None:
+        """Add what another one of the same bodies has kept, times a factor."""
+        self.rows.table[:] += factor * other.rows.table
+        for kind in SERIES:
+            for name, values in self._series[kind].items():
+                values += factor * other._series[kind][name]
 
     def _velocities(self, flat_w: Array) -> None:
         """Velocities of the sides of all interfaces, and of the ground."""

@@ -222,7 +222,7 @@ def reduced_march(
     layout = Layout(alone)
     channels = relative_channels(layout, range(len(relative)))
     patches = _patches(alone, reduced, layout, finer, known)
-    model = _model(reduced, start_of(tied, reduced, drives), layout, channels, patches)
+    model = reduced_model(reduced, start_of(tied, reduced, drives), layout, channels, patches)
     try:
         propagator = _propagator(model, dt, known)
     except SolverError as error:
@@ -373,7 +373,7 @@ def _patches(
     return known.again("patches", (points, reduced.relative), lambda: partition(points, reduced.relative, OF_RESPONSE))
 
 
-def _model(
+def reduced_model(
     reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index, patches: list[Index]
 ) -> SubstructureModel:
     """The reduced assembly as one substructure; ``patches`` : of its relative motions."""

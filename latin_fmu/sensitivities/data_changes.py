@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -44,15 +45,22 @@ class VariedParameter:
         """Derivative of data from its two values."""
         return np.asarray((more - less) / self.span)
 
-    @property
-    def changes_matrices(self) -> bool:
-        """Whether it changes mass, damping or stiffness of a body."""
+    @cached_property
+    def changes_bodies(self) -> bool:
+        """Whether it changes mass or stiffness of a body."""
+        return self._changes("mass") or self._changes("stiffness")
+
+    @cached_property
+    def changes_damping(self) -> bool:
+        """Whether it changes the damping of a body."""
         less = models_of(self.less)
-        return any(
-            model.branches != less[name].branches
-            or any(slope_of(getattr(model, key), getattr(less[name], key), self.span) is not None for key in MATRICES)
-            for name, model in models_of(self.more).items()
-        )
+        relaxing = any(model.branches != less[name].branches for name, model in models_of(self.more).items())
+        return relaxing or self._changes("damping")
+
+    def _changes(self, matrix: str) -> bool:
+        less = models_of(self.less)
+        pairs = ((getattr(model, matrix), getattr(less[name], matrix)) for name, model in models_of(self.more).items())
+        return any((a is None) != (b is None) or slope_of(a, b, self.span) is not None for a, b in pairs)
 
 
 def slope_of(more: sp.csr_array | None, less: sp.csr_array | None, span: float) -> sp.csr_array | None:

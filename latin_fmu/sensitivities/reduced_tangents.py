@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 
 from ..assembly.body_motions import BodyMotions
-from ..joined.recovered_fields import RecoveredRecorder
+from ..joined.recovered_fields import MarchHistories, RecoveredRecorder
 from ..joined.reduced_assembly import with_forces
 from ..joined.reduced_run import (
     NAME,
@@ -38,7 +38,7 @@ from ..propagator.direct import DirectPropagator
 from ..propagator.model import share_operators
 from ..statics.statics import Stage
 from ..time_scheme import MasslessContact
-from .copies import Marched, named, places_in, unit_of
+from .copies import MARK, Marched, named, places_in, unit_of
 from .data_changes import (
     Ends,
     StateChange,
@@ -52,6 +52,7 @@ from .data_changes import (
     law_changes,
     ramp_changes,
 )
+from .reduced_damping import DampingChange
 from .tangent_run import SolvedFields, TangentRun
 
 
@@ -76,15 +77,20 @@ class ReducedCopy:
     ----------
     march : as one to be marched, with an assembly of its own, whose bodies have the derivatives of theirs. units : the
     interfaces with relative motions of the bodies, with the derivatives of gaps and preloads. laws : parameters of
-    their laws (``SolvedFields.changes``).
+    their laws (``SolvedFields.changes``). damping : its change, None where there is none. forces : (n_time, n) that it
+    brings, N.
     """
 
     march: ReducedMarch
     units: Sequence[InterfaceUnit]
     laws: Sequence[tuple[Array, Array, float] | None]
+    damping: DampingChange | None
+    forces: Array | None
 
     @staticmethod
-    def of(stage: Stage, number: int, parameter: VariedParameter, state: StateChange) -> ReducedCopy:
+    def of(
+        stage: Stage, marched: MarchHistories, number: int, parameter: VariedParameter, state: StateChange
+    ) -> ReducedCopy:
         """That of a motion, of this ``number`` among all; ``state`` : derivative of the initial state of the bodies."""
         march = cast(ReducedMarch, stage.ready.reduced)
         ends = stage.likewise(parameter.more), stage.likewise(parameter.less)
@@ -93,8 +99,14 @@ class ReducedCopy:
         drives = drives_of(replace(march.tied, models=models), march.drives.shapes, bodies)
         reduced = with_forces(march.reduced, drives.forces, models)
         displacement, velocity = start_of(reduced.tied, reduced, drives)
+        damping, forces = DampingChange.of(stage, parameter, marched), None
+        if damping is not None:
+            moved, speed = damping.start
+            displacement, velocity, forces = displacement + moved, velocity + speed, damping.forces()
         base = march.assembly.propagators[0]
         loads = [LoadTerm(f"drive {k}", column) for k, column in enumerate(reduced.drives.T)]
+        if forces is not None:
+            loads.append(LoadTerm(MARK, forces[0]))
         model = replace(
             base.members[0], name=named(number, NAME), loads=loads, displacement=displacement, velocity=velocity
         )
@@ -105,25 +117,37 @@ class ReducedCopy:
         marched = replace(
             march, assembly=_assembled([propagator], units), bodies=bodies, reduced=reduced, drives=drives, stored=0.0
         )
-        return ReducedCopy(marched, units, law_changes(parameter, *laws))
+        return ReducedCopy(marched, units, law_changes(parameter, *laws), damping, forces)
+
+    @property
+    def histories(self) -> Histories:
+        """What drives the copy."""
+        time = self.march.bodies.time
+        amplitudes = list(self.march.drives.amplitudes)
+        if self.forces is not None:
+            amplitudes.append(np.eye(1, len(time))[0])  # at t = 0, before the march
+        return Histories(time, amplitudes, np.zeros((len(time), 0)))
 
     def recovered(self, histories: _CopyHistories, request: OutputRequest) -> Marched:
         """What the bodies do, from the march."""
         recorder = RecoveredRecorder(self.march, histories, request, {})
+        if self.damping is not None:
+            self.damping.add_to(recorder, request)
         return Marched(recorder.interfaces(), recorder.sensors(self.march.bodies), recorder.bolt_histories())
 
 
 def marched_by_modes(
     stage: Stage,
+    marched: MarchHistories,
     parameters: Sequence[VariedParameter],
     states: Sequence[StateChange],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Marched]:
     """Derivatives of a motion that was marched by modes, by parameter, from those of the initial state of its bodies;
-    ``progress`` and errors as for ``Tangents.march``."""
+    ``marched`` : histories of its march. ``progress`` and errors as for ``Tangents.march``."""
     march = cast(ReducedMarch, stage.ready.reduced)
     data = enumerate(zip(parameters, states, strict=True))
-    copies = [ReducedCopy.of(stage, number, p, state) for number, (p, state) in data]
+    copies = [ReducedCopy.of(stage, marched, number, p, state) for number, (p, state) in data]
     propagators = [cast(DirectPropagator, copy.march.assembly.propagators[0]) for copy in copies]
     whole = _assembled(propagators, [unit_of(number, unit) for number, c in enumerate(copies) for unit in c.units])
     balance_start(stage, whole)
@@ -131,22 +155,32 @@ def marched_by_modes(
     time = stage.problem.time
     ground = dict[int, Array]()
     for number, copy in enumerate(copies):
-        propagator = whole.propagators[number]
-        amplitudes = list(copy.march.drives.amplitudes)
-        propagator.begin([Histories(time, amplitudes, np.zeros((len(time), 0)))], march.bodies.dt)
+        whole.propagators[number].begin([copy.histories], march.bodies.dt)
         first = number * len(march.units)
         ground |= {first + j: ground_velocity(copy.march.bodies, i) for j, i in enumerate(march.units)}
     whole.begin(time, march.bodies.dt, ground, whole.ground.start)
     places = {named(k, key): place for k in range(len(copies)) for key, place in march.places(named(k, NAME)).items()}
     recorder = Recorder(whole, OutputRequest(faces=places), {})
     solved = SolvedFields(march.assembly, stage.rows, [copy.laws for copy in copies])
-    run = TangentRun(whole, march.settings(stage.ready.settings), recorder, solved)
-    run.march(None, progress)
+    forced = any(copy.forces is not None for copy in copies)
+    run = TangentRun(whole, march.settings(stage.ready.settings), recorder, solved, forced)
+    run.march((lambda n, row: _act(run, copies, n, row)) if forced else None, progress)
     request = stage.ready.output
     request = OutputRequest(
         sensors=request.sensors, bolts={name: changed_bolt(bolt) for name, bolt in request.bolts.items()}
     )
     return [copy.recovered(part, request) for copy, part in zip(copies, _parts(recorder, whole, copies), strict=True)]
+
+
+def _act(run: TangentRun, copies: Sequence[ReducedCopy], n: int, row: int) -> None:
+    """Write the forces of the next n instants into the image, from a row on."""
+    image, first = run.image, run.assembly.instant + 1
+    for c, (propagator, copy) in enumerate(zip(image.propagators, copies, strict=True)):
+        constant = propagator.forcing.loads_over_time()[0]
+        rows = image.class_field(c, "forces", image.rows, *constant.shape)[row : row + n]
+        rows[:] = constant
+        if copy.forces is not None:
+            rows[..., 0] += copy.forces[first : first + n]
 
 
 def _bodies(stage: Stage, parameter: VariedParameter, ends: Ends, state: StateChange) -> Assembly:

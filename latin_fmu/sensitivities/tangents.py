@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -170,14 +170,14 @@ class Tangents:
 
     @property
     def of_bodies(self) -> list[str]:
-        """Parameters that change matrices, so that the run has to march the bodies."""
-        return [p.name for p in self.parameters if p.changes_matrices]
+        """Parameters that change mass or stiffness, so that the run has to march the bodies."""
+        return [p.name for p in self.parameters if p.changes_bodies]
 
     def check_modes(self) -> None:
         """Refuse a march by the modes of the assembly that these parameters do not allow. Raises SceneError."""
         remedy = 'omit it, or set solver.propagator = "automatic", which marches the bodies then'
-        what = "changes matrices of bodies, whose derivatives take the march of the bodies, not of the modes"
-        allowed = "frictions, gaps, bolts, loads, motions, initial values"
+        what = "changes mass or stiffness: such derivatives take the march of the bodies, not that of the modes"
+        allowed = "frictions, gaps, bolts, loads, motions, initial values, damping"
         problems = [Problem("output.sensitivities", what, name, allowed, remedy) for name in self.of_bodies]
         if problems:
             raise SceneError(problems, "the scene cannot be built")
@@ -223,7 +223,7 @@ class Tangents:
         if motion.ready.reduced is None:
             found = [*_histories(_march(motion, parameters, states, progress), len(parameters))]
         else:
-            found = marched_by_modes(motion, parameters, states, progress)
+            found = marched_by_modes(motion, cast(Recorder, run.marched), parameters, states, progress)
         return [
             HistoryChanges(p.name, p.value, of.interfaces, of.sensors, of.bolts, friction_changes(p))
             for p, of in zip(parameters, found, strict=True)
@@ -401,8 +401,12 @@ class OperatorChanges:
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
             more, less = (models_of(end) for end in pair)
             for name, model in more.items():
+                # without inertia velocities are those of increments, and no damping acts
                 matrices = tuple(
-                    slope_of(getattr(model, key), getattr(less[name], key), parameter.span) for key in MATRICES
+                    None
+                    if key == "damping" and isinstance(scheme, QuasiStatic)
+                    else slope_of(getattr(model, key), getattr(less[name], key), parameter.span)
+                    for key in MATRICES
                 )
                 present_branches, ends_of = (
                     present[name].branches.marched(scheme),

@@ -23,13 +23,15 @@ from latin_fmu.scene.schema import Scene
 from latin_fmu.sensitivities.tangents import value_of
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import MODELS
-from tests.verification.test_modal_march import HIGHEST, PLATE, PRESS, SHAKE, damped_by_ratios, lap
+from tests.verification.test_modal_march import HIGHEST, PLATE, PRESS, SHAKE, damped, damped_by_ratios, lap
 
 STEP = 1e-5
+OF_DAMPING = 1e-2  # changes what the runs do so little that round-off is as large for less
 TIGHT = {"tolerance": 1e-10, "force_tolerance": 1e-9, "propagator": {"type": "modal", "highest": HIGHEST}}
 SHORT = {"end": 3e-4, "step": 2e-6, "start": "static"}
 SPECTRUM = {"lowest": 500.0, "highest": 8000.0, "per_octave": 3}
 SENSOR = {"tip": {"face": "up.xmax", "spectrum": SPECTRUM}}
+CLOSE = 3e-3
 OPEN = 1e-10  # changes of gaps of closed points are round-off, m
 INSIDE = "shank"  # bond inside a light bolt: round-off of its accelerations is as large as a difference
 FRICTION = "interface.lap.friction_coefficient"
@@ -66,6 +68,13 @@ def bolted() -> Scene:
     return load_scene(MODELS / "lap_joint/scene.toml", settings).replace("solver", TIGHT)
 
 
+def viscous() -> dict[str, Any]:
+    """Plates with Rayleigh damping."""
+    scene = damped(plates())
+    scene["material"]["steel"] |= {"rayleigh_mass": 3000.0, "rayleigh_stiffness": 4e-6, "frame": "absolute"}
+    return scene
+
+
 def thrown() -> dict[str, Any]:
     """The upper plate begins with a velocity, under loads that begin at once."""
     scene = plates(time=SHORT | {"start": "given"})
@@ -78,6 +87,8 @@ CASES: dict[str, tuple[Any, tuple[str, ...]]] = {
     "friction and loads": (plates(), (FRICTION, "load.press.pressure", "load.tip.force.2", "load.tip.law.duration")),
     "gap": (plates({"friction_coefficient": 0.3, "gap": 1e-6}), ("interface.lap.gap", FRICTION)),
     "damped by ratios": (damped_by_ratios(plates()), (FRICTION, "load.tip.force.2")),
+    "damping by ratios": (damped_by_ratios(plates()), ("material.steel.damping_ratios.ratios.0", FRICTION)),
+    "viscous damping": (viscous(), ("material.steel.rayleigh_stiffness", "material.steel.rayleigh_mass")),
     "soft contact": (plates(SOFT), ("interface.lap.normal_stiffness", FRICTION)),
     "frictionless": (plates({"friction_coefficient": 0.0}), ("load.tip.force.2",)),
     "thrown": (thrown(), ("substructure.up.initial_velocity.2", FRICTION)),
@@ -117,11 +128,16 @@ def differentiated(case: str) -> Solution:
     return solution
 
 
+def step_of(parameter: str) -> float:
+    """Change of a parameter over its value in differences of runs."""
+    return OF_DAMPING if parameter.startswith("material.") else STEP
+
+
 @cache
 def varied(case: str, parameter: str, sign: float) -> Solution:
     """A case with a parameter a little larger or smaller."""
     scene = scene_of(case)
-    solution = solve(scene.replace(parameter, (1.0 + sign * STEP) * value_of(scene, parameter)))
+    solution = solve(scene.replace(parameter, (1.0 + sign * step_of(parameter)) * value_of(scene, parameter)))
     assert solution.converged
     return solution
 
@@ -149,24 +165,24 @@ def test_derivatives_are_differences_of_runs(case: str, parameter: str) -> None:
             continue
         if history.contact_status is None:
             # tractions of its points have round-off of single precision
-            assert apart(slope(*(h.force() for h in runs)), history.force()) < 1e-3
+            assert apart(slope(parameter, *(h.force() for h in runs)), history.force()) < CLOSE
             continue
-        assert apart(slope(*(h.traction for h in runs)), history.traction) < 1e-3
-        assert apart(slope(*(h.velocity[:, 0] - h.velocity[:, 1] for h in runs)), jump(history)) < 1e-3
-        gaps = slope(*(h.gap for h in runs))
+        assert apart(slope(parameter, *(h.traction for h in runs)), history.traction) < CLOSE
+        assert apart(slope(parameter, *(h.velocity[:, 0] - h.velocity[:, 1] for h in runs)), jump(history)) < CLOSE
+        gaps = slope(parameter, *(h.gap for h in runs))
         if np.abs(gaps).max() > OPEN:
-            assert apart(gaps, history.gap) < 1e-3
+            assert apart(gaps, history.gap) < CLOSE
     for name, sensor in change.sensors.items():
         for key in ("displacement", "velocity", "acceleration"):
             ends = (getattr(run.sensors[name], key) for run in (more, less))
-            assert apart(slope(*ends), getattr(sensor, key)) < 2e-3
+            assert apart(slope(parameter, *ends), getattr(sensor, key)) < CLOSE
     for name, bolt in change.bolts.items():
-        assert apart(slope(more.bolts[name].force, less.bolts[name].force), bolt.force) < 1e-3
+        assert apart(slope(parameter, more.bolts[name].force, less.bolts[name].force), bolt.force) < CLOSE
 
 
-def slope(more: np.ndarray, less: np.ndarray) -> np.ndarray:
+def slope(parameter: str, more: np.ndarray, less: np.ndarray) -> np.ndarray:
     """Central difference."""
-    return (more - less) / (2.0 * STEP)
+    return (more - less) / (2.0 * step_of(parameter))
 
 
 def jump(history: InterfaceHistory) -> np.ndarray:
@@ -187,7 +203,7 @@ def test_scalars_are_differences_of_runs(case: str, parameter: str) -> None:
     for q in found.quantities:
         if q.flagged[number] or q.quantity not in more or q.quantity.startswith(INSIDE):
             continue
-        difference = (more[q.quantity] - less[q.quantity]) / (2.0 * STEP)
+        difference = (more[q.quantity] - less[q.quantity]) / (2.0 * step_of(parameter))
         assert abs(q.changes[number] - difference) <= 0.01 * abs(difference) + 1e-3 * abs(q.value), q.quantity
         compared += 1
     assert compared > 0
