@@ -51,6 +51,36 @@ def relaxing(branches: MaxwellBranches, dt: float, moved: Array) -> Array:
     return added
 
 
+def expansions(march: ReducedMarch) -> tuple[sp.csr_array, sp.csr_array]:
+    """E Q and E R: full dofs by the free dofs, and by the relative motions."""
+    tied = march.tied
+    return sp.csr_array(tied.expansion[:, : tied.n_free]), sp.csr_array(tied.expansion[:, tied.n_free :])
+
+
+def of_relative(march: ReducedMarch, relative: Array, responses: Array) -> Array:
+    """What all dofs (n_full, k) do with relative motions (n_r, k) and the static ``responses`` -K+ K_qr r (n_free, k) to
+    them: these less rigid motions, and what modes have of r at rest."""
+    reduced, (of_free, of_contacts) = march.reduced, expansions(march)
+    modal = np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p])
+    shares = np.vstack([reduced.rigid_share @ relative, reduced.marched_gamma @ relative])
+    return np.asarray(of_free @ (responses - modal @ shares) + of_contacts @ relative)
+
+
+@dataclass(frozen=True)
+class RelativeShapes:
+    """Shapes that changes of relative motions are sums of: of these, ``shapes`` (n_r, k), and of all dofs, ``moved``
+    (n_full, k)."""
+
+    shapes: Array
+    moved: Array
+
+    @staticmethod
+    def of(march: ReducedMarch, changes: Array) -> RelativeShapes:
+        """Those of changes (n_time, n_r)."""
+        shapes, responses = march.reduced.solver.spanning(changes, march.reduced.coupling)
+        return RelativeShapes(shapes, of_relative(march, shapes, responses))
+
+
 @dataclass(frozen=True)
 class Motions:
     """Motion of all bodies of a reduced assembly over its march.
@@ -58,20 +88,15 @@ class Motions:
     Attributes
     ----------
     march : what was marched. modes : displacements, velocities and accelerations (n_time, 3, n_mode). relative :
-    relative motions (n_time, n_r), m.
+    relative motions (n_time, n_r), m. span : shapes of their changes, None for their own.
     """
 
     march: ReducedMarch
     modes: Array
     relative: Array
+    span: RelativeShapes | None = None
 
     # -- the parts of u = E Q (P a + X r) + E R r + B d ----------------------------------------------------------------
-    @cached_property
-    def _expansions(self) -> tuple[sp.csr_array, sp.csr_array]:
-        """E Q and E R: full dofs by the free dofs, and by the relative motions."""
-        tied = self.march.tied
-        return sp.csr_array(tied.expansion[:, : tied.n_free]), sp.csr_array(tied.expansion[:, tied.n_free :])
-
     @cached_property
     def _basis(self) -> Array:
         """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
@@ -94,13 +119,6 @@ class Motions:
             rows.append(np.hstack([modal, load, drives.motions[kind, :, :n_time].T]))
         return np.stack(rows)
 
-    def _beside_responses(self, relative: Array) -> Array:
-        """X r (n_free, k) of relative motions (n_r, k) without the static responses -K+ K_qr r: of rigid motions, and
-        what modes have of r at rest."""
-        reduced = self.march.reduced
-        modal = np.vstack([reduced.rigid_share @ relative, reduced.marched_gamma @ relative])
-        return np.asarray(-self._basis[:, : reduced.n_mode] @ modal)
-
     def _in_time(self, relative: Array, shapes: Array) -> Array:
         """Amplitudes ``relative`` @ ``shapes`` (n_time, k) of relative motions with their velocities and accelerations,
         (3, n_time, k): those of the march are of a scheme for what has no mass."""
@@ -113,30 +131,28 @@ class Motions:
 
     # -- of all dofs, by shapes ----------------------------------------------------------------------------------------
     @cached_property
-    def _relative(self) -> tuple[Array, Array, Array]:
-        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; static responses (n_free,
-        k) to them; amplitudes (3, n_time, k)."""
-        reduced, start = self.march.reduced, self.relative[:1]
-        shapes, responses = reduced.solver.spanning(self.relative - start, reduced.coupling)
-        at_start = reduced.solver.solve(-np.asarray(reduced.coupling @ start.T))
-        amplitudes = self._in_time(self.relative - start, shapes)
+    def _relative(self) -> tuple[Array, Array]:
+        """Of the relative motions of t = 0 and their changes since: what all dofs (n_full, k) do with their shapes, and
+        the amplitudes (3, n_time, k) of these."""
+        march, start = self.march, self.relative[:1]
+        span = self.span or RelativeShapes.of(march, self.relative - start)
+        at_start = march.reduced.solver.solve(-np.asarray(march.reduced.coupling @ start.T))
+        moved = np.hstack([of_relative(march, start.T, at_start), span.moved])
+        amplitudes = self._in_time(self.relative - start, span.shapes)
         first = np.zeros((3, len(self.relative), 1))
         first[0] = 1.0
-        all_shapes, all_responses = np.hstack([start.T, shapes]), np.hstack([at_start, responses])
-        return all_shapes, all_responses, np.concatenate([first, amplitudes], axis=2)
+        return moved, np.concatenate([first, amplitudes], axis=2)
 
     @cached_property
     def shapes(self) -> Array:
         """(n_full, n_shape): relative motions, rigid motions and modes, loads, driven faces."""
-        relative, responses, _ = self._relative
-        of_free, of_relative = self._expansions
-        moved = of_free @ (responses + self._beside_responses(relative)) + of_relative @ relative
-        return np.hstack([moved, of_free @ self._basis, self.march.drives.shapes])
+        of_free, _ = expansions(self.march)
+        return np.hstack([self._relative[0], of_free @ self._basis, self.march.drives.shapes])
 
     @cached_property
     def amplitudes(self) -> Array:
         """Of the shapes: of displacements, velocities and accelerations, (3, n_time, n_shape)."""
-        return np.concatenate([self._relative[2], self._amplitudes], axis=2)
+        return np.concatenate([self._relative[1], self._amplitudes], axis=2)
 
     def of(self, rows: sp.csr_array | Array, kind: int) -> Array:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
@@ -154,14 +170,13 @@ class Motions:
 
     def whole(self, kind: int, instant: int) -> Array:
         """Displacements or velocities (n_full,) of all dofs at one instant, with nothing left out."""
-        reduced, (of_free, of_relative) = self.march.reduced, self._expansions
+        reduced, (of_free, _) = self.march.reduced, expansions(self.march)
         near = self.relative[max(instant - 1, 0) : instant + 2]
         relative = self._in_time(near, np.eye(near.shape[1]))[kind, min(instant, 1), :, None]
-        free = reduced.solver.solve(-np.asarray(reduced.coupling @ relative)) + self._beside_responses(relative)
+        moved = of_relative(self.march, relative, reduced.solver.solve(-np.asarray(reduced.coupling @ relative)))
         a = self._amplitudes[kind, instant]
         count = self._basis.shape[1]
-        free = free[:, 0] + self._basis @ a[:count]
-        return np.asarray(of_free @ free + of_relative @ relative[:, 0] + self.march.drives.shapes @ a[count:])
+        return np.asarray(moved[:, 0] + of_free @ (self._basis @ a[:count]) + self.march.drives.shapes @ a[count:])
 
     # -- of few rows, exactly ------------------------------------------------------------------------------------------
     def sensed(self, rows: sp.csr_array) -> Array:
@@ -169,12 +184,12 @@ class Motions:
 
         A K+ K_qr r takes one solution per row, with the transpose of K+ K_qr, whatever r does in time; nothing is left
         out, as the shapes of relative motions do, whose accelerations may be those of a few points."""
-        of_free, of_relative = self._expansions
+        of_free, of_contacts = expansions(self.march)
         reduced, on_free = self.march.reduced, sp.csr_array(rows @ of_free)
         static = reduced.solver.transposed(on_free) @ reduced.coupling
         modal = np.asarray(on_free @ self._basis)
         rest = modal[:, : reduced.n_mode] @ np.vstack([reduced.rigid_share, reduced.marched_gamma])
-        of_relative_motion = (rows @ of_relative).toarray() - static - rest
+        of_relative_motion = (rows @ of_contacts).toarray() - static - rest
         moved = self._in_time(self.relative, of_relative_motion.T)
         others = np.hstack([modal, np.asarray(rows @ self.march.drives.shapes)])
         return np.asarray(moved + self._amplitudes @ others.T)
