@@ -14,7 +14,7 @@ Bonds are no unknowns of the march. Their tractions F follow from the equilibriu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final, Protocol
 
@@ -58,8 +58,8 @@ def expansions(march: ReducedMarch) -> tuple[sp.csr_array, sp.csr_array]:
 
 
 def of_relative(march: ReducedMarch, relative: Array, responses: Array) -> Array:
-    """What all dofs (n_full, k) do with relative motions (n_r, k) and the static ``responses`` -K+ K_qr r (n_free, k) to
-    them: these less rigid motions, and what modes have of r at rest."""
+    """What all dofs (n_full, k) do with relative motions (n_r, k) and the static ``responses`` -K+ K_qr r (n_free, k):
+    these less rigid motions, and what modes have of r at rest."""
     reduced, (of_free, of_contacts) = march.reduced, expansions(march)
     modal = np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p])
     shares = np.vstack([reduced.rigid_share @ relative, reduced.marched_gamma @ relative])
@@ -68,17 +68,22 @@ def of_relative(march: ReducedMarch, relative: Array, responses: Array) -> Array
 
 @dataclass(frozen=True)
 class RelativeShapes:
-    """Shapes that changes of relative motions are sums of: of these, ``shapes`` (n_r, k), and of all dofs, ``moved``
-    (n_full, k)."""
+    """Shapes that changes of relative motions are sums of: of these, ``shapes`` (n_r, k), the static ``responses``
+    (n_free, k) to them, and of all dofs, ``moved`` (n_full, k)."""
 
     shapes: Array
+    responses: Array
     moved: Array
 
     @staticmethod
-    def of(march: ReducedMarch, changes: Array) -> RelativeShapes:
-        """Those of changes (n_time, n_r)."""
-        shapes, responses = march.reduced.solver.spanning(changes, march.reduced.coupling)
-        return RelativeShapes(shapes, of_relative(march, shapes, responses))
+    def of(march: ReducedMarch, changes: Array, share: float | None = None) -> RelativeShapes:
+        """Those of changes (n_time, n_r); ``share`` as for ``StaticSolver.spanning``."""
+        shapes, responses = march.reduced.solver.spanning(changes, march.reduced.coupling, share)
+        return RelativeShapes(shapes, responses, of_relative(march, shapes, responses))
+
+    def damped(self, march: ReducedMarch) -> RelativeShapes:
+        """The same of a march with another damping, in which modes have other shares of relative motions."""
+        return replace(self, moved=of_relative(march, self.shapes, self.responses))
 
 
 @dataclass(frozen=True)

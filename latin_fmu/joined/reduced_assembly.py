@@ -99,10 +99,11 @@ class StaticSolver:
         self._rows = [*self._rows[-_MOST_ROWS:], (rows, found)]
         return found
 
-    def spanning(self, histories: Array, coupling: sp.csr_array) -> tuple[Array, Array]:
+    def spanning(self, histories: Array, coupling: sp.csr_array, share: float | None = None) -> tuple[Array, Array]:
         """Shapes (n_r, k) of relative motions (n_time, n_r) as ``compressed`` finds them, and the static responses
-        (n_free, k) to them without their inertia relief; ``coupling`` : K_qr."""
-        shapes = compressed(histories)
+        (n_free, k) to them without their inertia relief; ``coupling`` : K_qr. share : left out, None for that of
+        results."""
+        shapes = compressed(histories, share)
         blocks = [shapes[:, at : at + _COLUMNS] for at in range(0, shapes.shape[1], _COLUMNS)]
         solved = [self.solve(-np.asarray(coupling @ block)) for block in blocks]
         return shapes, np.hstack([np.zeros((coupling.shape[0], 0)), *solved])
@@ -115,13 +116,15 @@ class StaticSolver:
         return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
 
 
-def compressed(histories: Array) -> Array:
-    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of the largest: a
-    span found by random sums of what is left, and of it the fewest shapes that do."""
+def compressed(histories: Array, share: float | None = None) -> Array:
+    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a ``share`` of the largest, None for
+    that of results: a span found by random sums of what is left, and of it the fewest shapes that do."""
+    if share is None:
+        share = _EXACT
     rest, found = histories.copy(), list[Any]()
     size = np.linalg.norm(rest, axis=1).max(initial=0.0)
     random = np.random.default_rng(0)  # the same shapes every time
-    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
+    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > share * size:
         rank = sum(shape.shape[1] for shape in found)
         count = min(_BLOCK, min(histories.shape) - rank)
         if count <= 0:
@@ -138,7 +141,7 @@ def compressed(histories: Array) -> Array:
     weights, sizes, turn = la.svd(histories @ shapes, full_matrices=False)
     # of each history, what the shapes from each one on hold, and what none does
     shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + (rest**2).sum(axis=1)[:, None]
-    count = int((shares.max(axis=0) > (_EXACT * size) ** 2).sum())
+    count = int((shares.max(axis=0) > (share * size) ** 2).sum())
     return np.asarray(shapes @ turn[:count].T)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from ..assembly.body_motions import BodyMotions
 from ..assembly.problem import DiscretisedProblem
 from ..joined.modal_problem import viscosities_of
-from ..joined.recovered_fields import MarchHistories, RecoveredRecorder, relaxing
+from ..joined.recovered_fields import MarchHistories, RecoveredRecorder, RelativeShapes, relaxing
 from ..joined.reduced_assembly import with_bodies, with_forces
 from ..joined.reduced_run import NAME, RELATIVE, ReducedMarch, drives_of, reduced_model, start_of
 from ..latin.assembly import Array, Assembly
@@ -29,6 +29,7 @@ from ..propagator import SubstructureModel
 from ..statics.statics import Stage
 from .copies import models_of
 from .data_changes import VariedParameter
+from .spanned_recorder import SpannedRecorder
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,13 @@ class DampingChange:
         ends = [equations.unbalance(place, velocity) for equations in (self.more, self.less)]
         return np.asarray((ends[1] - ends[0]) / self.span)
 
-    def add_to(self, recorder: RecoveredRecorder, request: OutputRequest) -> None:
-        """Add what the same motion is in other shapes to what the bodies do."""
+    def add_to(self, recorder: RecoveredRecorder, request: OutputRequest, span: RelativeShapes | None) -> None:
+        """Add what the same motion is in other shapes to what the bodies do; ``span`` : shapes of relative motions with
+        the damping of the run, which have other shares of the modes here."""
         for equations, sign in ((self.more, 1.0), (self.less, -1.0)):
-            recorder.add(RecoveredRecorder(equations.march, self.marched, request, {}), sign / self.span)
+            shapes = None if span is None else span.damped(equations.march)
+            end = SpannedRecorder(equations.march, self.marched, request, shapes)
+            recorder.add(end, sign / self.span)
 
 
 def _bodies(stage: Stage, whole: DiscretisedProblem) -> Assembly:

@@ -155,6 +155,6 @@ class ReducedSolution:
                 ]
                 own = np.flatnonzero((place[at] >= 0) & (stiffness[:, k] != 0.0))
                 matrix[own, place[at[own]]] += stiffness[own, k]
-            e[free] = la.solve(matrix, rest, check_finite=False)
+            e[free] = np.linalg.solve(matrix, rest)
             forces += self._inverse[free].T @ e[free]
         return e, forces / self._area[:, None]

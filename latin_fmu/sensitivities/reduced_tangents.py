@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 
 from ..assembly.body_motions import BodyMotions
-from ..joined.recovered_fields import MarchHistories, RecoveredRecorder
+from ..joined.recovered_fields import MarchHistories, RelativeShapes
 from ..joined.reduced_assembly import with_forces
 from ..joined.reduced_run import (
     NAME,
@@ -53,6 +53,7 @@ from .data_changes import (
     ramp_changes,
 )
 from .reduced_damping import DampingChange
+from .spanned_recorder import SpannedRecorder, spanned
 from .tangent_run import SolvedFields, TangentRun
 
 
@@ -128,11 +129,11 @@ class ReducedCopy:
             amplitudes.append(np.eye(1, len(time))[0])  # at t = 0, before the march
         return Histories(time, amplitudes, np.zeros((len(time), 0)))
 
-    def recovered(self, histories: _CopyHistories, request: OutputRequest) -> Marched:
-        """What the bodies do, from the march."""
-        recorder = RecoveredRecorder(self.march, histories, request, {})
+    def recovered(self, histories: _CopyHistories, request: OutputRequest, span: RelativeShapes | None) -> Marched:
+        """What the bodies do, from the march; ``span`` : shapes of relative motions."""
+        recorder = SpannedRecorder(self.march, histories, request, span)
         if self.damping is not None:
-            self.damping.add_to(recorder, request)
+            self.damping.add_to(recorder, request, span)
         return Marched(recorder.interfaces(), recorder.sensors(self.march.bodies), recorder.bolt_histories())
 
 
@@ -169,7 +170,9 @@ def marched_by_modes(
     request = OutputRequest(
         sensors=request.sensors, bolts={name: changed_bolt(bolt) for name, bolt in request.bolts.items()}
     )
-    return [copy.recovered(part, request) for copy, part in zip(copies, _parts(recorder, whole, copies), strict=True)]
+    parts = [*_parts(recorder, whole, copies)]
+    span = spanned(march, [marched, *parts] if forced else parts)
+    return [copy.recovered(part, request, span) for copy, part in zip(copies, parts, strict=True)]
 
 
 def _act(run: TangentRun, copies: Sequence[ReducedCopy], n: int, row: int) -> None:

@@ -20,6 +20,7 @@ from latin_fmu.results.sensitivities import scalars_of
 from latin_fmu.results.sensors import spectra_of
 from latin_fmu.results.solution import Solution
 from latin_fmu.scene.schema import Scene
+from latin_fmu.sensitivities import spanned_recorder
 from latin_fmu.sensitivities.tangents import value_of
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import MODELS
@@ -118,6 +119,7 @@ def with_derivatives(scene: Scene, parameters: tuple[str, ...], checks: str = "n
 def shapes_leave_nothing_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """What they leave out of tractions of bonds is as large as a difference."""
     monkeypatch.setattr(reduced_assembly, "_EXACT", 1e-10)
+    monkeypatch.setattr(spanned_recorder, "_LEFT_OUT", 1e-10)
 
 
 @cache
