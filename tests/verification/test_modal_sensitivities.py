@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import copy
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import latin_fmu
 from latin_fmu import load_scene, scene_from_dict
 from latin_fmu.api import solve
 from latin_fmu.effects import cost
@@ -20,7 +22,7 @@ from latin_fmu.results.sensitivities import scalars_of
 from latin_fmu.results.sensors import spectra_of
 from latin_fmu.results.solution import Solution
 from latin_fmu.scene.schema import Scene
-from latin_fmu.sensitivities import spanned_recorder
+from latin_fmu.sensitivities import spanned_recorder, tangents
 from latin_fmu.sensitivities.tangents import value_of
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import MODELS
@@ -263,3 +265,24 @@ def test_checks_are_runs_by_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sensitivities is not None
     assert sensitivities.tried == (FRICTION,)
     assert len(found) == 1
+
+
+def test_calibration_is_marched_by_modes_on_one_set_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """By friction and damping, from the velocity of a run: every run has derivatives, and modes are looked for once."""
+    monkeypatch.setattr(cost, "PAYS", 0.0)
+    friction, ratio = "interface.lap.friction_coefficient", "material.steel.damping_ratios.ratios"
+    solver = {"tolerance": 1e-6, "reduction_error": 0.9}
+    scene = scene_of("damping by ratios").replace("solver", solver).replace("output", {})
+    truth = solve(scene)
+    data = tmp_path / "measured.csv"
+    table = np.column_stack([truth.time, truth.sensors["tip"].velocity[:, 2]])[::3]
+    np.savetxt(data, table, delimiter=",", header="time,tip.velocity.z", comments="")
+    found, runs = [], []
+    lowest, marched = reduced_assembly.lowest, tangents.marched_by_modes
+    monkeypatch.setattr(reduced_assembly, "lowest", lambda *args: found.append(1) or lowest(*args))
+    monkeypatch.setattr(tangents, "marched_by_modes", lambda *args: runs.append(1) or marched(*args))
+    made = latin_fmu.calibrate(scene, data, [f"{friction}=0.25", f"{ratio}.0,{ratio}.1=0.04"], estimate=False)
+    assert made.converged
+    assert made[friction].value == pytest.approx(0.3, rel=0.01)
+    assert len(found) == 1
+    assert len(runs) == made.runs
