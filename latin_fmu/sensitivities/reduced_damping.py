@@ -93,8 +93,8 @@ class DampingChange:
         """That of a motion, from its march; None where the damping does not change."""
         if not parameter.changes_damping:
             return None
-        ends = (_Equations.of(stage, end) for end in (parameter.more, parameter.less))
-        return DampingChange(*ends, parameter.span, marched)
+        more, less = (_Equations.of(stage, end) for end in (parameter.more, parameter.less))
+        return DampingChange(more, less, parameter.span, marched)
 
     @property
     def start(self) -> tuple[Array, Array]:

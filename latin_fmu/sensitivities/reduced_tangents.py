@@ -115,10 +115,10 @@ class ReducedCopy:
         propagator = DirectPropagator([model], base.scheme, march.bodies.dt, False, cast(DirectPropagator, base))
         units = [against_ground(bodies.interfaces[i]) for i in march.units]
         laws = [Layout([against_ground(end.units[i]) for i in march.units]) for end in ends]
-        marched = replace(
+        own = replace(
             march, assembly=_assembled([propagator], units), bodies=bodies, reduced=reduced, drives=drives, stored=0.0
         )
-        return ReducedCopy(marched, units, law_changes(parameter, *laws), damping, forces)
+        return ReducedCopy(own, units, law_changes(parameter, *laws), damping, forces)
 
     @property
     def histories(self) -> Histories:
