@@ -12,6 +12,7 @@ from ..joined.reduced_run import NAME, RELATIVE, ReducedMarch
 from ..latin.assembly import Array, Index
 from ..latin.probes import OutputRequest
 
+_INSTANTS: Final = 400  # of each motion that are looked at, at most: shapes of neighbouring instants are alike
 _LEFT_OUT: Final = 3e-3  # of the largest change of each motion: bonds and sides without friction alone take shapes
 
 
@@ -27,7 +28,7 @@ def spanned(march: ReducedMarch, motions: Sequence[MarchHistories]) -> RelativeS
         change = relative - relative[:1]
         size = float(np.linalg.norm(change, axis=1).max(initial=0.0))
         if size > 0.0:
-            changes.append(change / size)
+            changes.append(change[:: -(-len(change) // _INSTANTS)] / size)
     return RelativeShapes.of(march, np.concatenate([np.zeros((1, march.tied.n_relative)), *changes]), _LEFT_OUT)
 
 
