@@ -22,7 +22,7 @@ from .assembly.yielding_bolts import Yielding
 from .building import discretise, solver_ready
 from .checks.run_checks import with_faults
 from .effects.cost import Prediction, check_memory, least_output
-from .errors import InputError, Problems, ResultsError
+from .errors import InputError, Problems, ResultsError, listed
 from .interface.laws import bonds
 from .joined.tied_assembly import TieError
 from .latin.outcome import Outcome, Timings
@@ -123,8 +123,9 @@ class StandingRun(NamedTuple):
 def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> StandingRun:
     """Run a scene until a run stands (parameters and errors: ``api.solve``)."""
     attempt = Attempt.first(scene, options)
-    if options.kept is None and attempt.yielding.tables:
-        options = replace(options, kept=KeptOperators())  # of the runs that may follow
+    if options.kept is None and (attempt.yielding.tables or scene.differentiated):
+        # of the runs that may follow, and of the scenes in which parameters are varied
+        options = replace(options, kept=KeptOperators())
     while True:
         ready = prepared(scene, options, attempt)
         try:
@@ -176,7 +177,9 @@ def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClo
         if ready.tries_modes:
             names += ["by modes"]
         digest = scene_digest(scene, [*(options.behaviours or ()), *names])
-    return march(ready.problem, options, timings, started, digest)
+    run = march(ready.problem, options, timings, started, digest)
+    # of what was marched in the place of the bodies derivatives alone need the fields
+    return run if ready.tangent is not None else run._replace(marched=None)
 
 
 def bodies_left_out(ended: EndedRun) -> Verdict:
@@ -233,9 +236,6 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
     """The problem of a scene, ready to run; parameters and errors as for ``api.solve``."""
     wanted = bool(scene.differentiated)
     processes, behaviours, kept = options.processes, options.behaviours, options.kept
-    # shared with the scenes in which the parameters are varied
-    if kept is None and wanted:
-        kept = KeptOperators()
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept, attempt.leave_out and not wanted)
         discretised = replace(discretised, elongation=attempt.yielding.elongation)
@@ -250,9 +250,11 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
             tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None)
         # what needs the iterates of single bodies
         looks_at_bodies = wanted or options.n_process > 1 or options.iterates_all_interfaces
-        restricted = behaviours is not None or looks_at_bodies
+        restricted = behaviours is not None or options.n_process > 1 or options.iterates_all_interfaces
         modal, reasons = by_modes(scene, restricted)
         tries = attempt.modes_open and not restricted and prediction.tries_modes
+        if tangent is not None and tangent.of_bodies and (modal or tries):
+            tries, attempt = _by_bodies_for(tangent, modal, attempt)
         if tries:
             from .effects.modal_choice import by_choice
 
@@ -268,7 +270,7 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
             if bonded and not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
                 from .effects.march_choice import cheaper_march
 
-                grouped, prediction, why = cheaper_march(discretised, prediction, restricted)
+                grouped, prediction, why = cheaper_march(discretised, prediction, restricted or wanted)
             stages = None if tangent is None else tangent.stages
             problem = solver_ready(discretised, {}, options.n_process, stages, modal or tries, at_once, grouped)
             problem = replace(problem, bonds=f"iterated: {why}") if why else problem
@@ -291,6 +293,20 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
             if problem.reduced is not None:
                 problem.reduced.assembly.lost = lost
     return Prepared(problem, prediction, tangent, tries)
+
+
+def _by_bodies_for(tangent: Tangents, modal: bool, attempt: Attempt) -> tuple[bool, Attempt]:
+    """That modes are not tried, as derivatives need the bodies, and the attempt with the reason; ``modal``:
+    whether the scene asks for modes.
+
+    Raises
+    ------
+    SceneError : it does.
+    """
+    if modal:
+        tangent.check_modes()
+    words = f"the derivatives by {listed(tangent.of_bodies)}, which change mass or stiffness, take this march"
+    return False, replace(attempt, modes_open=False, modes_refused=words)
 
 
 def _marched_by_bodies(problem: SolverReadyProblem, reasons: list[str]) -> SolverReadyProblem:

@@ -178,11 +178,13 @@ class RunClock:
 
 
 class MarchedRun(NamedTuple):
-    """A problem, the outcome of its run, and what was recorded in it."""
+    """A problem, the outcome of its run, and what was recorded in it; ``marched`` : of the one substructure that was
+    marched in the place of all bodies, None where they were marched themselves."""
 
     problem: SolverReadyProblem
     outcome: Outcome
     recorder: Recorder
+    marched: Recorder | None = None
 
 
 def march(
@@ -239,15 +241,16 @@ def march(
         with nullcontext() if checkpoint is None else checkpoint.of(run, digest):
             run.all()
         run.join()
+        inner = None
         if reduced is not None:
-            recorder = _recorder_of_bodies(problem, recorder)
+            inner, recorder = recorder, _recorder_of_bodies(problem, recorder)
         elif problem.grouped is not None:
             cast(Any, recorder).leave()
     outcome = _outcome(problem, run, recorder)
     timings.other = clock.process_time() - ready - timings.march
     timings.wall = clock.perf_counter() - started.wall_begin
     timings.peak_memory = peak_memory()
-    return MarchedRun(problem, outcome, recorder)
+    return MarchedRun(problem, outcome, recorder, inner)
 
 
 def _recorder_of_bodies(problem: SolverReadyProblem, marched: Recorder) -> Recorder:

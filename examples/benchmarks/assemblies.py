@@ -1,6 +1,6 @@
 """Bolted assemblies marched in four ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
-    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep] [--fmu]
+    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep | --fmu | --derivatives]
 
 ``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
 bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march for the
@@ -19,6 +19,9 @@ marched by modes.
 
 ``--fmu`` prints instead what an FMU of each assembly costs by its modes: the export, its size, instantiation with
 initialization in fmpy, and its steps of one instant over those of the march of a run by modes.
+
+``--derivatives`` prints instead what the derivatives of a run of the box by friction, the torques of two screws, the
+amplitude of the shock and a damping ratio cost, without checks by runs, over the run without them.
 
 ``--share`` shortens the runs, to see that it works. ``--former`` is the interpreter of an environment with a former
 version of this package, which runs in turn with the others as it marches by default (one is made by ``git worktree add
@@ -44,6 +47,13 @@ MODELS = Path(__file__).resolve().parents[2] / "models"
 ENDS = {"electronics_box": 10e-3, "bolted_beam": 5e-3}  # s
 KINDS = ("iterate", "direct", "modal", "automatic")
 FRICTIONS = [round(0.1 + 0.03 * i, 2) for i in range(10)]
+PARAMETERS = [
+    "contact.joints.friction_coefficient",
+    "bolt.screw1.torque",
+    "bolt.screw2.torque",
+    "boundary.base.value.2",
+    "material.aluminium.damping_ratios.ratios.0",
+]
 BONDED = ("iterate", "with energies", "direct", "transient")
 HIT = """
 [boundary.base]
@@ -250,6 +260,33 @@ def sweep_apart(share: float) -> dict[str, Any]:
     return {"alone": alone, "whole": whole, "points": study.cpu.values.tolist(), "states": study.state.values.tolist()}
 
 
+def derivatives_apart(share: float) -> dict[str, Any]:
+    """Seconds of the processor of a run of the box by its modes, and of one with derivatives."""
+    import latin_fmu
+
+    scene = latin_fmu.load_scene(MODELS / "electronics_box" / "scene.toml")
+    scene = scene.replace("time.end", share * ENDS["electronics_box"])
+    if share < 1.0:
+        scene = scene.replace("solver.propagator", "modal")
+    seconds = {}
+    differentiated = scene.replace("output.sensitivities", PARAMETERS).replace("output.check_sensitivities", "none")
+    for name, case in (("alone", scene), ("with", differentiated)):
+        begin = process_time()
+        solution = latin_fmu.solve(case)
+        seconds[name] = process_time() - begin
+    found = solution.sensitivities
+    return seconds | {"quantities": 0 if found is None else len(found.quantities)}
+
+
+def compare_derivatives(share: float, rounds: int) -> None:
+    """Print the price of derivatives."""
+    runs = [apart(share, "price", "derivatives") for _ in range(rounds)]
+    alone, whole = (median(run[key] for run in runs) for key in ("alone", "with"))
+    print(f"electronics_box, derivatives by {len(PARAMETERS)} parameters: {10 * share:g} ms, medians of {rounds}")
+    print(f"  a run {alone:.1f} s, with derivatives of {runs[-1]['quantities']} quantities {whole:.1f} s")
+    print(f"  the derivatives over a run {(whole - alone) / alone:.2f}")
+
+
 def compare_sweep(share: float, rounds: int) -> None:
     """Print the points of a sweep beside a run."""
     runs = [apart(share, "sweep", "points") for _ in range(rounds)]
@@ -316,6 +353,7 @@ def main() -> None:
     parser.add_argument("--former", help="interpreter of an environment with a former version")
     parser.add_argument("--sweep", action="store_true", help="what the points of a sweep cost")
     parser.add_argument("--fmu", action="store_true", help="what an FMU costs")
+    parser.add_argument("--derivatives", action="store_true", help="what derivatives by five parameters cost")
     parser.add_argument("--one", nargs="+", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one == ["sweep", "points"]:
@@ -323,6 +361,9 @@ def main() -> None:
         return
     if given.one and given.one[0] == "fmu":
         print(json.dumps(fmu_apart(given.one[1], given.share)))
+        return
+    if given.one == ["price", "derivatives"]:
+        print(json.dumps(derivatives_apart(given.share)))
         return
     if given.one:
         print(json.dumps(bonded(*given.one, given.share) if len(given.one) == 1 else one(*given.one, given.share)))
@@ -332,6 +373,9 @@ def main() -> None:
         return
     if given.fmu:
         compare_fmus(given.share, given.rounds)
+        return
+    if given.derivatives:
+        compare_derivatives(given.share, given.rounds)
         return
     compare_bonded(given.share, given.rounds)
     for model in ENDS:

@@ -335,7 +335,7 @@ def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[str]]:
 
 def modes_refused(scene: Scene, restricted: bool) -> list[str]:
     """Why an assembly cannot be marched by its modes; ``restricted`` : whether the caller takes laws of its own,
-    derivatives, several processes, or looks at iterates."""
+    several processes, or looks at iterates."""
     reasons = {
         "without inertia there are no modes": scene.time.quasi_static,
         f"time.scheme {scene.time.scheme.type} is one of bodies": scene.time.scheme.type in _OF_BODIES,
@@ -344,7 +344,7 @@ def modes_refused(scene: Scene, restricted: bool) -> list[str]:
         )
         or any(port.causality == "wave" for port in scene.port.values()),
         "windows of several instants are marched body by body": scene.solver.window != 1,
-        "user-defined laws, derivatives, observers and several processes need the march of single bodies": restricted,
+        "user-defined laws, observers and several processes need the march of single bodies": restricted,
     }
     return [reason for reason, holds in reasons.items() if holds]
 

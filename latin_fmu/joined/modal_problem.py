@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from ..assembly.body import Body
 from ..assembly.body_motions import standing_bodies
 from ..assembly.initial_state import InitialState
 from ..assembly.problem import DiscretisedProblem, SolverReadyProblem, ready
@@ -27,11 +29,15 @@ def modal_problem(
     """
     classes, assembly, timeline = standing_bodies(discretised, start, MasslessContact())
     give_back_memory()  # of the static start
-    bodies = discretised.bodies.items()
-    viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}
+    viscosities = viscosities_of(discretised.bodies)
     march = reduced_march(discretised.scene, classes, assembly, start, viscosities, finer, discretised.kept)
     warnings = (*discretised.remarks, *(() if start is None else remarks_of("start", start.remarks)))
     return ready(discretised, assembly, (warnings, timeline, start, march.scheme_in_words, {}), march)
+
+
+def viscosities_of(bodies: Mapping[str, Body]) -> dict[str, float]:
+    """b of the damping b K by strains, s, by body."""
+    return {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies.items()}
 
 
 def coarser_problem(

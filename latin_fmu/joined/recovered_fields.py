@@ -14,15 +14,16 @@ Bonds are no unknowns of the march. Their tractions F follow from the equilibriu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..kernels.energy_parts import N_TERM
 from ..latin.assembly import Array, Index
+from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import SubstructureHistory
 from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
@@ -39,6 +40,53 @@ from .tied_assembly import jump_rows
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
 
+def relaxing(branches: MaxwellBranches, dt: float, moved: Array) -> Array:
+    """What Maxwell branches add to displacements (n_time, k) in internal forces: the sum of their elongations times
+    their strengths, relaxed at the start, as ``kernels.maxwell``; dt : step, s."""
+    added = np.zeros_like(moved)
+    for strength, decay, of_motion, _ in branches.weights(MasslessContact(), dt).T:
+        elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
+        for t in range(1, len(elongation)):
+            elongation[t] += decay * elongation[t - 1]
+        added += strength * elongation
+    return added
+
+
+def expansions(march: ReducedMarch) -> tuple[sp.csr_array, sp.csr_array]:
+    """E Q and E R: full dofs by the free dofs, and by the relative motions."""
+    tied = march.tied
+    return sp.csr_array(tied.expansion[:, : tied.n_free]), sp.csr_array(tied.expansion[:, tied.n_free :])
+
+
+def of_relative(march: ReducedMarch, relative: Array, responses: Array) -> Array:
+    """What all dofs (n_full, k) do with relative motions (n_r, k) and the static ``responses`` -K+ K_qr r (n_free, k):
+    these less rigid motions, and what modes have of r at rest."""
+    reduced, (of_free, of_contacts) = march.reduced, expansions(march)
+    modal = np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p])
+    shares = np.vstack([reduced.rigid_share @ relative, reduced.marched_gamma @ relative])
+    return np.asarray(of_free @ (responses - modal @ shares) + of_contacts @ relative)
+
+
+@dataclass(frozen=True)
+class RelativeShapes:
+    """Shapes that changes of relative motions are sums of: of these, ``shapes`` (n_r, k), the static ``responses``
+    (n_free, k) to them, and of all dofs, ``moved`` (n_full, k)."""
+
+    shapes: Array
+    responses: Array
+    moved: Array
+
+    @staticmethod
+    def of(march: ReducedMarch, changes: Array, share: float | None = None) -> RelativeShapes:
+        """Those of changes (n_time, n_r); ``share`` as for ``StaticSolver.spanning``."""
+        shapes, responses = march.reduced.solver.spanning(changes, march.reduced.coupling, share)
+        return RelativeShapes(shapes, responses, of_relative(march, shapes, responses))
+
+    def damped(self, march: ReducedMarch) -> RelativeShapes:
+        """The same of a march with another damping, in which modes have other shares of relative motions."""
+        return replace(self, moved=of_relative(march, self.shapes, self.responses))
+
+
 @dataclass(frozen=True)
 class Motions:
     """Motion of all bodies of a reduced assembly over its march.
@@ -46,20 +94,15 @@ class Motions:
     Attributes
     ----------
     march : what was marched. modes : displacements, velocities and accelerations (n_time, 3, n_mode). relative :
-    relative motions (n_time, n_r), m.
+    relative motions (n_time, n_r), m. span : shapes of their changes, None for their own.
     """
 
     march: ReducedMarch
     modes: Array
     relative: Array
+    span: RelativeShapes | None = None
 
     # -- the parts of u = E Q (P a + X r) + E R r + B d ----------------------------------------------------------------
-    @cached_property
-    def _expansions(self) -> tuple[sp.csr_array, sp.csr_array]:
-        """E Q and E R: full dofs by the free dofs, and by the relative motions."""
-        tied = self.march.tied
-        return sp.csr_array(tied.expansion[:, : tied.n_free]), sp.csr_array(tied.expansion[:, tied.n_free :])
-
     @cached_property
     def _basis(self) -> Array:
         """P (n_free, m + n_load): rigid motions, modes as they are marched, static responses to loads."""
@@ -81,13 +124,6 @@ class Motions:
             rows.append(np.hstack([modal, load, drives.motions[kind, :, :n_time].T]))
         return np.stack(rows)
 
-    def _beside_responses(self, relative: Array) -> Array:
-        """X r (n_free, k) of relative motions (n_r, k) without the static responses -K+ K_qr r: of rigid motions, and
-        what modes have of r at rest."""
-        reduced = self.march.reduced
-        modal = np.vstack([reduced.rigid_share @ relative, reduced.marched_gamma @ relative])
-        return np.asarray(-self._basis[:, : reduced.n_mode] @ modal)
-
     def _in_time(self, relative: Array, shapes: Array) -> Array:
         """Amplitudes ``relative`` @ ``shapes`` (n_time, k) of relative motions with their velocities and accelerations,
         (3, n_time, k): those of the march are of a scheme for what has no mass."""
@@ -100,30 +136,28 @@ class Motions:
 
     # -- of all dofs, by shapes ----------------------------------------------------------------------------------------
     @cached_property
-    def _relative(self) -> tuple[Array, Array, Array]:
-        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; static responses (n_free,
-        k) to them; amplitudes (3, n_time, k)."""
-        reduced, start = self.march.reduced, self.relative[:1]
-        shapes, responses = reduced.solver.spanning(self.relative - start, reduced.coupling)
-        at_start = reduced.solver.solve(-np.asarray(reduced.coupling @ start.T))
-        amplitudes = self._in_time(self.relative - start, shapes)
+    def _relative(self) -> tuple[Array, Array]:
+        """Of the relative motions of t = 0 and their changes since: what all dofs (n_full, k) do with their shapes, and
+        the amplitudes (3, n_time, k) of these."""
+        march, start = self.march, self.relative[:1]
+        span = self.span or RelativeShapes.of(march, self.relative - start)
+        at_start = march.reduced.solver.solve(-np.asarray(march.reduced.coupling @ start.T))
+        moved = np.hstack([of_relative(march, start.T, at_start), span.moved])
+        amplitudes = self._in_time(self.relative - start, span.shapes)
         first = np.zeros((3, len(self.relative), 1))
         first[0] = 1.0
-        all_shapes, all_responses = np.hstack([start.T, shapes]), np.hstack([at_start, responses])
-        return all_shapes, all_responses, np.concatenate([first, amplitudes], axis=2)
+        return moved, np.concatenate([first, amplitudes], axis=2)
 
     @cached_property
     def shapes(self) -> Array:
         """(n_full, n_shape): relative motions, rigid motions and modes, loads, driven faces."""
-        relative, responses, _ = self._relative
-        of_free, of_relative = self._expansions
-        moved = of_free @ (responses + self._beside_responses(relative)) + of_relative @ relative
-        return np.hstack([moved, of_free @ self._basis, self.march.drives.shapes])
+        of_free, _ = expansions(self.march)
+        return np.hstack([self._relative[0], of_free @ self._basis, self.march.drives.shapes])
 
     @cached_property
     def amplitudes(self) -> Array:
         """Of the shapes: of displacements, velocities and accelerations, (3, n_time, n_shape)."""
-        return np.concatenate([self._relative[2], self._amplitudes], axis=2)
+        return np.concatenate([self._relative[1], self._amplitudes], axis=2)
 
     def of(self, rows: sp.csr_array | Array, kind: int) -> Array:
         """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
@@ -141,14 +175,13 @@ class Motions:
 
     def whole(self, kind: int, instant: int) -> Array:
         """Displacements or velocities (n_full,) of all dofs at one instant, with nothing left out."""
-        reduced, (of_free, of_relative) = self.march.reduced, self._expansions
+        reduced, (of_free, _) = self.march.reduced, expansions(self.march)
         near = self.relative[max(instant - 1, 0) : instant + 2]
         relative = self._in_time(near, np.eye(near.shape[1]))[kind, min(instant, 1), :, None]
-        free = reduced.solver.solve(-np.asarray(reduced.coupling @ relative)) + self._beside_responses(relative)
+        moved = of_relative(self.march, relative, reduced.solver.solve(-np.asarray(reduced.coupling @ relative)))
         a = self._amplitudes[kind, instant]
         count = self._basis.shape[1]
-        free = free[:, 0] + self._basis @ a[:count]
-        return np.asarray(of_free @ free + of_relative @ relative[:, 0] + self.march.drives.shapes @ a[count:])
+        return np.asarray(moved[:, 0] + of_free @ (self._basis @ a[:count]) + self.march.drives.shapes @ a[count:])
 
     # -- of few rows, exactly ------------------------------------------------------------------------------------------
     def sensed(self, rows: sp.csr_array) -> Array:
@@ -172,15 +205,8 @@ class Motions:
         return self._strains[model.branches]
 
     def relaxing(self, model: SubstructureModel, moved: Array) -> Array:
-        """What the Maxwell branches of a body add to displacements (n_time, k) in its internal forces: the sum of their
-        elongations times their strengths, relaxed at the start, as ``kernels.maxwell``."""
-        added = np.zeros_like(moved)
-        for strength, decay, of_motion, _ in model.branches.weights(MasslessContact(), self.march.bodies.dt).T:
-            elongation = of_motion * np.diff(moved, axis=0, prepend=moved[:1])
-            for t in range(1, len(elongation)):
-                elongation[t] += decay * elongation[t - 1]
-            added += strength * elongation
-        return added
+        """``relaxing`` displacements of a body."""
+        return relaxing(model.branches, self.march.bodies.dt, moved)
 
     # -- forces of bonds -------------------------------------------------------------------------------------------
     def internal_forces(self) -> Array:
@@ -241,6 +267,21 @@ class Motions:
         return {i: np.concatenate(parts) for i, parts in tractions.items()}
 
 
+class MarchHistories(Protocol):
+    """What is read of the march of a reduced assembly."""
+
+    @property
+    def n_kept(self) -> int:
+        """Instants, t = 0 included."""
+
+    @property
+    def rows(self) -> InterfaceRows:
+        """Fields of its interfaces."""
+
+    def series(self, kind: str) -> Mapping[Any, Array]:
+        """Series of a kind over the kept instants by name."""
+
+
 class RecoveredRecorder(Recorder):
     """Histories of the bodies and interfaces of an assembly that was marched as a reduced one.
 
@@ -251,7 +292,7 @@ class RecoveredRecorder(Recorder):
     """
 
     def __init__(
-        self, march: ReducedMarch, recorder: Recorder, request: OutputRequest, info: dict[str, SubstructureInfo]
+        self, march: ReducedMarch, recorder: MarchHistories, request: OutputRequest, info: dict[str, SubstructureInfo]
     ) -> None:
         give_back_memory()  # of the march
         super().__init__(march.bodies, request, info)
@@ -286,6 +327,13 @@ class RecoveredRecorder(Recorder):
             self._series["energy"]["drift"][:n] = recorder.series("energy")["drift"]
         self._leave(n)
         del self._motions  # shapes of all bodies: a march for the estimate of the error may follow
+
+    def add(self, other: RecoveredRecorder, factor: float) -> None:
+        """Add what another one of the same bodies has kept, times a factor."""
+        self.rows.table[:] += factor * other.rows.table
+        for kind in SERIES:
+            for name, values in self._series[kind].items():
+                values += factor * other._series[kind][name]
 
     def _velocities(self, flat_w: Array) -> None:
         """Velocities of the sides of all interfaces, and of the ground."""

@@ -30,7 +30,7 @@ would be right at one frequency alone, and what modes far above a frequency and 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -59,6 +59,7 @@ _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motio
 _ROUND_OFF: Final = 1e-12  # of the largest damping
 _FIXED_POINT: Final = 50  # steps, each of which gains the digits of a loss factor
 _OF_MATRICES: Final = ("coupling", "rigid_share", "gamma", "beyond", "of_bodies")  # of the tied assembly
+_OF_FORCES: Final = ("static_loads", "drives")  # what follows from loads
 _EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
 _COLUMNS: Final = 40  # that are solved together: vectors of all dofs
@@ -98,10 +99,11 @@ class StaticSolver:
         self._rows = [*self._rows[-_MOST_ROWS:], (rows, found)]
         return found
 
-    def spanning(self, histories: Array, coupling: sp.csr_array) -> tuple[Array, Array]:
+    def spanning(self, histories: Array, coupling: sp.csr_array, share: float | None = None) -> tuple[Array, Array]:
         """Shapes (n_r, k) of relative motions (n_time, n_r) as ``compressed`` finds them, and the static responses
-        (n_free, k) to them without their inertia relief; ``coupling`` : K_qr."""
-        shapes = compressed(histories)
+        (n_free, k) to them without their inertia relief; ``coupling`` : K_qr. share : left out, None for that of
+        results."""
+        shapes = compressed(histories, share)
         blocks = [shapes[:, at : at + _COLUMNS] for at in range(0, shapes.shape[1], _COLUMNS)]
         solved = [self.solve(-np.asarray(coupling @ block)) for block in blocks]
         return shapes, np.hstack([np.zeros((coupling.shape[0], 0)), *solved])
@@ -114,13 +116,15 @@ class StaticSolver:
         return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
 
 
-def compressed(histories: Array) -> Array:
-    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of the largest: a
-    span found by random sums of what is left, and of it the fewest shapes that do."""
+def compressed(histories: Array, share: float | None = None) -> Array:
+    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a ``share`` of the largest, None for
+    that of results: a span found by random sums of what is left, and of it the fewest shapes that do."""
+    if share is None:
+        share = _EXACT
     rest, found = histories.copy(), list[Any]()
     size = np.linalg.norm(rest, axis=1).max(initial=0.0)
     random = np.random.default_rng(0)  # the same shapes every time
-    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
+    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > share * size:
         rank = sum(shape.shape[1] for shape in found)
         count = min(_BLOCK, min(histories.shape) - rank)
         if count <= 0:
@@ -137,7 +141,7 @@ def compressed(histories: Array) -> Array:
     weights, sizes, turn = la.svd(histories @ shapes, full_matrices=False)
     # of each history, what the shapes from each one on hold, and what none does
     shares = np.cumsum((weights * sizes)[:, ::-1] ** 2, axis=1)[:, ::-1] + (rest**2).sum(axis=1)[:, None]
-    count = int((shares.max(axis=0) > (_EXACT * size) ** 2).sum())
+    count = int((shares.max(axis=0) > (share * size) ** 2).sum())
     return np.asarray(shapes @ turn[:count].T)
 
 
@@ -405,11 +409,17 @@ def mean_branches(reduced: ReducedAssembly) -> MaxwellBranches:
     return MaxwellBranches(tuple(g / share for g in reduced.branches.strengths), reduced.branches.times)
 
 
-def with_forces(reduced: ReducedAssembly, forces: Array) -> ReducedAssembly:
-    """The same under loads (n_full, n_load), N for amplitude 1."""
-    other = replace(reduced, forces=np.asarray(reduced.tied.expansion.T @ forces))
-    # what follows from matrices that may be gone
-    other.__dict__.update({name: reduced.__dict__[name] for name in _OF_MATRICES if name in reduced.__dict__})
+def with_forces(
+    reduced: ReducedAssembly, forces: Array, models: list[SubstructureModel] | None = None
+) -> ReducedAssembly:
+    """The same under loads (n_full, n_load), N for amplitude 1; ``models`` : of the bodies, with equal matrices and
+    other initial values, None for those that it has."""
+    tied = reduced.tied if models is None else replace(reduced.tied, models=models)
+    other = replace(reduced, tied=tied, forces=np.asarray(tied.expansion.T @ forces))
+    # what does not follow from loads, some of it from matrices that may be gone
+    given = {field.name for field in fields(reduced)}
+    known = {name: part for name, part in reduced.__dict__.items() if name not in given and name not in _OF_FORCES}
+    other.__dict__.update(known)
     return other
 
 

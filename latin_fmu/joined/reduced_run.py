@@ -86,8 +86,8 @@ class DrivenLoads:
         return np.asarray(np.gradient(self.amplitudes, axis=1))
 
 
-def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> DrivenLoads:
-    """Loads and driven faces of an assembly whose bodies have begun."""
+def drives_of(tied: TiedAssembly, shapes: Array, bodies: Assembly) -> DrivenLoads:
+    """Loads and driven faces of an assembly whose bodies have begun; ``shapes`` : ``static_shapes``."""
     n = tied.expansion.shape[0]
     columns = [np.zeros((n, 0))]
     for model in tied.models:
@@ -95,7 +95,6 @@ def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) ->
             column = np.zeros((n, 1))
             column[tied.where[model.name], 0] = load.pattern
             columns.append(column)
-    shapes = static_shapes(tied, reduced)
     columns += [-tied.times(kind, shapes) for kind in (STIFFNESS, DAMPING, MASS)]
     return DrivenLoads(np.hstack(columns), *drive_histories(tied, bodies), shapes)
 
@@ -221,7 +220,7 @@ class ReducedMarch:
         amplitudes, _ = drive_histories(tied, bodies)
         histories = Histories(bodies.time, list(amplitudes), np.zeros((len(bodies.time), 0)))
         self.assembly.propagators[0].begin([histories], bodies.dt)
-        ground = {j: _ground_velocity(bodies, i) for j, i in enumerate(self.units)}
+        ground = {j: ground_velocity(bodies, i) for j, i in enumerate(self.units)}
         still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(self.units)}
         self.assembly.begin(bodies.time, bodies.dt, ground, still)
 
@@ -230,7 +229,7 @@ class ReducedMarch:
         amplitudes, motions = drive_histories(self.tied, self.bodies)
         drives = replace(self.drives, amplitudes=amplitudes, motions=motions)
         (propagator,) = self.assembly.propagators
-        displacement, velocity = _start(self.tied, self.reduced, drives)
+        displacement, velocity = start_of(self.tied, self.reduced, drives)
         propagator.members[0] = replace(propagator.members[0], displacement=displacement, velocity=velocity)
         propagator.restart()
 
@@ -247,10 +246,13 @@ class ReducedMarch:
 
     def recorder(self, energy: bool) -> Recorder:
         """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
+        return Recorder(self.assembly, OutputRequest(energy=energy, faces=self.places(NAME)), {})
+
+    def places(self, name: str) -> dict[str, MotionPlace]:
+        """What is read of the substructure of this ``name``: motions of modes, and relative motions."""
         dofs, m = sp.csr_array(sp.eye_array(self.assembly.propagators[0].n_dof)), self.reduced.n_mode
         # what has no mass has velocities and accelerations of the scheme alone
-        places = {NAME: MotionPlace(NAME, dofs[:m]), RELATIVE: MotionPlace(NAME, dofs[m:], count=1)}
-        return Recorder(self.assembly, OutputRequest(energy=energy, faces=places), {})
+        return {NAME: MotionPlace(name, dofs[:m]), RELATIVE: MotionPlace(name, dofs[m:], count=1)}
 
 
 def reduced_march(
@@ -281,14 +283,14 @@ def reduced_march(
     else:
         modes, cutoff = _fewer_modes(finer, dt)
     tied = modes.tied
-    drives = drives_of(tied, modes, bodies)
+    drives = drives_of(tied, static_shapes(tied, modes), bodies)
     reduced = with_forces(modes, drives.forces)
     relative = tied.joints.relative
     alone = [against_ground(units[i]) for i in relative]
     layout = Layout(alone)
-    channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
+    channels = relative_channels(layout, range(len(relative)))
     patches = _patches(alone, reduced, layout, finer, known)
-    model = _model(reduced, _start(tied, reduced, drives), layout, channels, patches)
+    model = reduced_model(reduced, start_of(tied, reduced, drives), layout, channels, patches)
     try:
         propagator = _propagator(model, dt, known)
     except SolverError as error:
@@ -301,7 +303,7 @@ def reduced_march(
         [channels[:, None]],
         alone,
         layout,
-        _impedance(propagator, channels, layout.n_flat),
+        relative_impedance(propagator, channels, layout.n_flat),
         bodies.characteristic_traction,
         MasslessContact(),
     )
@@ -386,12 +388,17 @@ def steps_resolve_spectra(scene: Scene, dt: float) -> bool:
     return all(_BEYOND * spectrum.last(dt) <= _SHARE / dt * (1.0 + 1e-9) for spectrum in spectra)
 
 
-def _ground_velocity(bodies: Assembly, i: int) -> Array:
-    """Velocity (n_time, 3) of what side E moves relative to."""
+def ground_velocity(bodies: Assembly, i: int) -> Array:
+    """Velocity (n_time, 3) of what side E of an interface moves relative to."""
     return bodies.ground.velocity.get(i, np.zeros((len(bodies.time), 3)))
 
 
-def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
+def relative_channels(layout: Layout, numbers: Sequence[int]) -> Index:
+    """Channels of the relative motions of some interfaces against ground, one after the other."""
+    return np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in numbers)])
+
+
+def relative_impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
     """Impedance (n_flat,) of the relative motions: traction of a point per velocity of its own in a step, others free;
     steps are longer than waves take through an element, and those of the materials say little."""
     impedance = np.zeros(n_flat)
@@ -400,7 +407,7 @@ def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Ar
     return impedance
 
 
-def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
+def start_of(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
     """Modes and relative motions (n,) at t = 0: displacements and velocities."""
     state = []
     for kind, loads in ((0, drives.amplitudes[:, 0]), (1, np.zeros(len(drives.amplitudes)))):
@@ -431,7 +438,7 @@ def _patches(
     return known.again("patches", (points, reduced.relative), lambda: partition(points, reduced.relative, OF_RESPONSE))
 
 
-def _model(
+def reduced_model(
     reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index, patches: list[Index]
 ) -> SubstructureModel:
     """The reduced assembly as one substructure; ``patches`` : of its relative motions."""

@@ -14,13 +14,14 @@ from typing import Any
 from ..compiled import Intrinsic, kernel
 
 MESSAGES, PARTS_OF_ALL, NORMS_OF_ALL, COARSE, CHANGES, UNKNOWNS, MATRIX, SUM = range(8)
-LAW, TANGENTS, FORWARD, BACKWARD, OBSERVE = range(8, 13)
+LAW, TANGENTS, FORWARD, BACKWARD, OBSERVE, DERIVATIVES = range(8, 14)
 """What is done. By several processes (``latin.exchange``): messages of a number of fields to the neighbours; ``parts``
 from the ``own_parts`` of all; ``all_norms`` likewise; ``coarse_parts``; ``changes`` of divided classes; unknowns of a
 Newton step ``elsewhere``; sum of its matrix, of a size, and of its right-hand side; sums of numbers at a place of
 ``moving``. By any (``latin.run_image``, ``propagator.image``): tractions of a group by its law, for the points from one
 to another; derivatives of that law; half solutions of a class from its load, and from that of its interfaces; a look at
-an iterate, with the bits of its verdict; table of D of a class."""
+an iterate, with the bits of its verdict; q and W of the derivatives of an instant, of a row of the tangents
+(``tangent_march``)."""
 
 
 def _called(_context: Any, _address: Any, _what: Any, _a: Any, _b: Any, _c: Any) -> Any:

@@ -322,6 +322,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("linear", "copies of the run whose derivatives by parameters are marched (``tangent_march``)"),
     ("given", "1 where it is the run itself, under tractions that are known, and its motion is kept"),
     ("forced", "1 where ``constant`` is that of each instant (``forces``)"),
+    ("by_caller", "1 where the caller solves the derivatives of each instant (``callouts``)"),
     ("from_last", "direction: 1 where steps are short: a force reaches little beyond its point"),
     (
         "referenced",

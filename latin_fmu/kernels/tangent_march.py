@@ -10,7 +10,8 @@ Its substructures are copies of those of the run, one set for each parameter, as
 substitution serves all. Between the copies nothing is coupled, and all have the tangents of the run: the matrix of the
 active points is made and factorised once. The caller writes J, m and dF_hat/dp of the instants of a call into the rows
 of ``slopes``, ``follows`` and ``sources``. The system is linear: a Newton step (``newton``) solves it, and is repeated
-until the residual is round-off.
+until the residual is round-off. Copies of a reduced assembly, whose matrices the kernels have in patches, are solved by
+the caller (``by_caller``).
 
 Where a parameter enters matrices, the motion of the run is needed: it is marched with the tractions known as
 ``sources`` (``given``), its motion kept in ``course``, and the forces that the caller makes of it drive the derivatives
@@ -25,6 +26,7 @@ import numpy as np
 
 from ..compiled import kernel
 from .active_points import activate, add_relative, assemble, is_factored, soften, solve_active
+from .callouts import DERIVATIVES, call_out, has_failed
 from .instants import end_instant, first_guess
 from .krylov import add_columns, admit, length_of
 from .linear_stage import linear_stage
@@ -102,6 +104,9 @@ def _solve(pools: Any, instant: int) -> bool:
     # the motion with inertia takes the tractions alone, which are the sources
     if run.given == 1 and run.static == 0:
         return True
+    if run.by_caller == 1:
+        call_out(pools, DERIVATIVES, row, 0, 0)
+        return not has_failed(pools) and _residual(pools, row) <= _ALLOWED * length_of(q)
     for _ in range(_MOST):
         if size <= _ENOUGH * length_of(q) or not size < 0.5 * last:
             break

@@ -106,7 +106,7 @@ def with_derivatives(solution: Solution, ride: Ride) -> Solution:
         try:
             ride.check_time()
             with one_thread():
-                changes = ride.tangent.march(ride.run.problem, ride.run.recorder, ride.report)
+                changes = ride.tangent.march(ride.run, ride.report)
                 return replace(solution, sensitivities=Sensitivities.of(outcome, changes, _spectra(ride, outcome)))
         except SolverError as error:
             lost = str(error)
@@ -154,12 +154,13 @@ RIDERS: Final[tuple[Rider, ...]] = (with_derivatives, with_checks, with_bands)
 def _marched_together(ride: Ride, larger: dict[int, Scene]) -> list[tuple[Marched, Marched] | None]:
     """Copies of the run with the parameter of each of these scenes and without, marched side by side; None of those
     that cannot be computed so."""
-    if ride.tangent is None:
+    # by modes a run costs less than copies of all bodies
+    if ride.tangent is None or ride.run.problem.reduced is not None:
         return [None] * len(larger)
     outcome, budget = ride.run.outcome, ride.started.left
     if budget is None or budget > (len(larger) + 1) * outcome.timings.march:
         newton = sum(window.newton_steps for window in outcome.windows) / max(len(outcome.windows), 1)
-        motion = ride.tangent.motion(ride.run.problem, ride.run.recorder)
+        motion = ride.tangent.motion(ride.run)
         report = None if ride.progress is None else ride.progress.update
         # what cannot be computed together is run alone, and its error has the reason
         with suppress(LatinError), computable(), one_thread():

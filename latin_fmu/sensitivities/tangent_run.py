@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import SolverError
 from ..interface.laws import NoSlip
 from ..kernels import entries
-from ..kernels.callouts import TANGENTS
+from ..kernels.callouts import DERIVATIVES, TANGENTS
 from ..latin.assembly import Array, Assembly, Group
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Timings
@@ -19,6 +19,7 @@ from ..latin.run_state import RunState
 from ..latin.search_direction import LARGEST, Direction, relative_operator
 from ..latin.settings import SolverSettings
 from ..laws.dispatch import LAWS, apply_law, law_tangents
+from .reduced_solution import ReducedSolution
 
 _PROXIMAL = 1e-8  # share of z in the relative operator: a step leaves as much, redundant points a regular matrix
 _UNLIKE = 1e-2  # difference of both one-sided differences of a law, over the larger one, from which a state changes
@@ -62,9 +63,16 @@ class TangentRun(RunState):
         settings = replace(settings, newton=True, window=1, tables=0.0, threads=1, anderson_depth=1)
         linear = {"linear": len(solved.changes), "deepest": -np.inf, "make_up": 0.0}
         linear |= {"given": int(solved.changes[0] is None), "forced": int(forced)}
+        # the matrices of a reduced assembly are in patches
+        self._solution = None
+        if any(p.members[0].face is not None for p in assembly.propagators):
+            self._solution = ReducedSolution(assembly, len(solved.changes))
+            linear["by_caller"] = 1
         super().__init__(assembly, settings, recorder, Timings(), linear)
         # the tangents are in the image already
         self.image.callouts.add({TANGENTS: lambda *_: None})
+        if (solution := self._solution) is not None:
+            self.image.callouts.add({DERIVATIVES: lambda row, *_: solution.solve(self.image, row)})
         self.image.set({"proximal": _PROXIMAL})
 
     def made_direction(self, settings: SolverSettings, n: int) -> Direction:
@@ -73,6 +81,9 @@ class TangentRun(RunState):
         direction = super().made_direction(settings, n)
         # places and matrix of the first copy, whose factors serve all; that of all may be too large where it is not
         one = relative_operator(self._solved.assembly) if direction.relative.get("n_matrix") else None
+        if self._solution is not None:
+            direction.relative, direction.newton = {}, False
+            return direction
         if one is not None and (direction.newton or (direction.too_large and one["n_matrix"] <= LARGEST)):
             arrays = {name: direction.relative[name] for name in ("owner", "owner_class", "live_row")}
             direction.relative, direction.newton = one | arrays, True

@@ -8,9 +8,9 @@ hands displacements, tractions, closures and shortenings to the next one, as the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,14 +19,14 @@ from ..assembly.body import body_sides
 from ..assembly.bolts import load_name
 from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept, KeptOperators
-from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
+from ..assembly.problem import DiscretisedProblem
 from ..assembly.yielding_bolts import Yielding
 from ..building import discretise
 from ..errors import Problem, SceneError, SolverError, listed
-from ..interface.laws import coulomb_coefficient
-from ..latin.assembly import Array, Assembly, InterfaceUnit, Layout
+from ..latin.assembly import Array, Layout
 from ..latin.probes import BoltPlace, OutputRequest
 from ..latin.recorder import Recorder
+from ..march import MarchedRun
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.image import Image
 from ..propagator.model import share_operators
@@ -37,31 +37,30 @@ from ..statics.displaced_starts import displaced_bodies
 from ..statics.places_at_rest import least_displaced
 from ..statics.statics import Stage, static_size
 from ..time_scheme import QuasiStatic
-from .copies import MARK, assembled, copied, differences, models_of, named, of_copy, places_in, twins, unit_of
+from .copies import MARK, Marched, assembled, copied, differences, models_of, named, of_copy, places_in, twins, unit_of
+from .data_changes import (
+    MATRICES,
+    Ends,
+    StateChange,
+    VariedParameter,
+    balance_start,
+    bolt_changes,
+    changed_bolt,
+    changed_model,
+    changed_unit,
+    friction_changes,
+    ground_changes,
+    hand_over,
+    law_changes,
+    ramp_changes,
+    slope_of,
+)
+from .reduced_tangents import marched_by_modes
 from .tangent_run import SolvedFields, TangentRun
 
 _STEP: Final = 1e-4
 """Change of a parameter over its value in the differences of data; of one that is 0 the change itself."""
-_BALANCED: Final = 1e30
-"""Traction beside which the unbalanced forces of a start in equilibrium count as balanced, Pa."""
-_Pair = tuple[DiscretisedProblem, DiscretisedProblem]
 _Matrices = tuple[sp.csr_array | None, ...]
-
-
-@dataclass(frozen=True)
-class VariedParameter:
-    """A parameter of a scene, and the problems with it a little larger and a little smaller. span : their difference
-    over the value, or over 1 where that is 0. Derivatives are changes for so much, of like size for all."""
-
-    name: str
-    value: float
-    span: float
-    more: DiscretisedProblem
-    less: DiscretisedProblem
-
-    def of(self, more: Array, less: Array) -> Array:
-        """Derivative of data from its two values."""
-        return np.asarray((more - less) / self.span)
 
 
 def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
@@ -72,7 +71,7 @@ def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
         "with output.interfaces_every above 1": scene.output.interfaces_every > 1,
         "with windows of several instants": solver.window != 1 and problem.scene.time.n_step > 1,
         "with an explicit scheme": problem.scheme.explicit,
-        "with reduced bodies or conjugate gradients": solver.propagator.type not in ("automatic", "direct"),
+        "with reduced bodies or conjugate gradients": solver.propagator.type not in ("automatic", "direct", "modal"),
         "with bolts that may yield": bool(Yielding(scene).tables),
         "with initial displacements on top of a static start": bool(displaced_bodies(scene)),
         "with rigid bodies, or soft contacts that are pressed, in contact at t = 0": _pressed_at_start(problem),
@@ -145,17 +144,6 @@ def _refused(name: str, reason: str) -> SceneError:
 
 
 @dataclass(frozen=True)
-class StateChange:
-    """Derivative of an initial state, fields as in ``InitialState``; ``tension`` of the bolts, N."""
-
-    displacement: Mapping[str, Array] = field(default_factory=dict)
-    traction: Mapping[str, Array] = field(default_factory=dict)
-    closure: Mapping[str, Array] = field(default_factory=dict)
-    shortening: Mapping[str, float] = field(default_factory=dict)
-    tension: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Tangents:
     """Derivatives of a run.
 
@@ -181,19 +169,32 @@ class Tangents:
         return Tangents(problem, parameters_of(scene, problem), [])
 
     @property
+    def of_bodies(self) -> list[str]:
+        """Parameters that change mass or stiffness, so that the run has to march the bodies."""
+        return [p.name for p in self.parameters if p.changes_bodies]
+
+    def check_modes(self) -> None:
+        """Refuse a march by the modes of the assembly that these parameters do not allow. Raises SceneError."""
+        remedy = 'omit it, or set solver.propagator = "automatic", which marches the bodies then'
+        what = "changes mass or stiffness: such derivatives take the march of the bodies, not that of the modes"
+        allowed = "frictions, gaps, bolts, loads, motions, initial values, damping"
+        problems = [Problem("output.sensitivities", what, name, allowed, remedy) for name in self.of_bodies]
+        if problems:
+            raise SceneError(problems, "the scene cannot be built")
+
+    @property
     def statics(self) -> Kept | None:
         """Operators of the static start; None where there is none."""
         if self.stages:
             return self.stages[-1].operators
         return None
 
-    def motion(self, ready: SolverReadyProblem, recorder: Recorder) -> Stage:
-        """The motion of the run as a stage."""
-        return Stage(self.problem, ready, recorder.rows, ready.start)
+    def motion(self, run: MarchedRun) -> Stage:
+        """The motion of the run as a stage, with the fields of what was marched."""
+        recorder = run.recorder if run.marched is None else run.marched
+        return Stage(self.problem, run.problem, recorder.rows, run.problem.start)
 
-    def march(
-        self, ready: SolverReadyProblem, recorder: Recorder, progress: Callable[[int, int], None] | None = None
-    ) -> list[HistoryChanges]:
+    def march(self, run: MarchedRun, progress: Callable[[int, int], None] | None = None) -> list[HistoryChanges]:
         """Derivatives by each parameter, from the histories of the run; ``progress`` is called at the start of a static
         stage, and with the instants of the motion that are done, and all. What it raises ends the march.
 
@@ -206,7 +207,7 @@ class Tangents:
             if progress is not None:
                 progress(0, len(stage.problem.time))  # what it raises is no failure of the stage
             try:
-                run = _march(stage, parameters, states)
+                ended = _march(stage, parameters, states)
             except SolverError as error:
                 if stage.tightened:
                     how = f"tightening of {listed(stage.tightened)}"
@@ -216,16 +217,16 @@ class Tangents:
                 remedy = "bonded faces whose meshes do not match may leave them undetermined: take the points of such "
                 remedy += "an interface from the side that has fewer (points_from)"
                 raise SolverError(f"{error}, {where}; {remedy}") from None
-            states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
+            states = [_state_after(stage, ended, i, p, states[i]) for i, p in enumerate(parameters)]
         states = self._placed(states)
-        run = _march(self.motion(ready, recorder), parameters, states, progress)
-        interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
-        bolts = run.recorder.bolt_histories()
+        motion = self.motion(run)
+        if motion.ready.reduced is None:
+            found = [*_histories(_march(motion, parameters, states, progress), len(parameters))]
+        else:
+            found = marched_by_modes(motion, cast(Recorder, run.marched), parameters, states, progress)
         return [
-            HistoryChanges(
-                p.name, p.value, of_copy(interfaces, i), of_copy(sensors, i), of_copy(bolts, i), _friction_changes(p)
-            )
-            for i, p in enumerate(parameters)
+            HistoryChanges(p.name, p.value, of.interfaces, of.sensors, of.bolts, friction_changes(p))
+            for p, of in zip(parameters, found, strict=True)
         ]
 
     def _placed(self, states: Sequence[StateChange]) -> list[StateChange]:
@@ -248,19 +249,18 @@ class Tangents:
         return changes
 
 
+def _histories(run: TangentRun, copies: int) -> Iterator[Marched]:
+    """Histories of all copies of a run of derivatives."""
+    interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
+    bolts = run.recorder.bolt_histories()
+    for i in range(copies):
+        yield Marched(of_copy(interfaces, i), of_copy(sensors, i), of_copy(bolts, i))
+
+
 def _moved(state: InitialState, change: StateChange, by: float) -> InitialState:
     """An equilibrium at another value of a parameter, larger ``by`` so much."""
     moved = {name: u + by * change.displacement[name] for name, u in state.displacement.items()}
     return replace(state, displacement=moved)
-
-
-def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
-    """Derivatives of the friction coefficients by interface."""
-    pairs = zip(parameter.more.units, parameter.less.units, strict=True)
-    return {
-        m.name: ((coulomb_coefficient(m.behaviour) or 0.0) - (coulomb_coefficient(s.behaviour) or 0.0)) / parameter.span
-        for m, s in pairs
-    }
 
 
 def _march(
@@ -273,7 +273,7 @@ def _march(
     problem, base = stage.problem, stage.ready.assembly
     ends = [(stage.likewise(p.more), stage.likewise(p.less)) for p in parameters]
     units = [
-        _unit(copy, unit, p, (more.units[i], less.units[i]))
+        unit_of(copy, changed_unit(unit, p, (more.units[i], less.units[i])))
         for copy, (p, (more, less)) in enumerate(zip(parameters, ends, strict=True))
         for i, unit in enumerate(problem.units)
     ]
@@ -289,17 +289,21 @@ def _march(
     for to in places:
         impedance[to] = problem.impedance
     assembly = assembled(stage, classes, units, layout, impedance)
-    # a start in equilibrium does not accelerate
-    settled = stage.start is not None and not stage.start.sets_off
-    if settled and not any(s.motion_keys for s in problem.scene.substructure.values()):
-        assembly.characteristic_traction = _BALANCED
-    _hand_over(states, assembly)
+    balance_start(stage, assembly)
+    hand_over(states, assembly)
     for propagator in assembly.propagators:
         propagator.energy = False  # quadratic in the motion: derivatives have none
         propagator.begin([histories[name] for name in propagator.names], dt)
-    assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
-    recorder = Recorder(assembly, _request(stage.ready.output, len(parameters)), {})
-    changes = [_law_changes(p, *pair) for p, pair in zip(parameters, ends, strict=True)]
+    ground, n = dict[int, Array](), len(base.interfaces)
+    for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+        ground |= {copy * n + i: velocity for i, velocity in ground_changes(base, parameter, pair).items()}
+    assembly.begin(problem.time, dt, ground, assembly.ground.start)
+    sensors, bolts = dict[str, Any](), dict[str, Any]()
+    for copy in range(len(parameters)):
+        sensors |= copied(stage.ready.output.sensors, copy)
+        bolts |= copied(stage.ready.output.bolts, copy, changed_bolt)
+    recorder = Recorder(assembly, OutputRequest(sensors=sensors, bolts=bolts), {})
+    changes = [law_changes(p, more.layout, less.layout) for p, (more, less) in zip(parameters, ends, strict=True)]
     solved, forced = SolvedFields(base, stage.rows, changes), operators is not None
     run = TangentRun(assembly, stage.ready.settings, recorder, solved, forced)
     if operators is None:
@@ -315,19 +319,19 @@ def _copies(
     stage: Stage,
     parameters: Sequence[VariedParameter],
     states: Sequence[StateChange],
-    ends: Sequence[_Pair],
+    ends: Sequence[Ends],
     operators: OperatorChanges | None,
 ) -> tuple[list[list[SubstructureModel]], dict[str, Histories]]:
     """Members of each class, those of the first parameter first, and what drives them by name."""
     classes = list[list[SubstructureModel]]()
     histories = dict[str, Histories]()
     time = stage.problem.time
-    ramps = [_ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
+    ramps = [ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
     for c in stage.problem.classes:
         members = []
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
             for model in c.members:
-                member, driven = _copy(model, time, parameter, pair, states[copy], ramps[copy])
+                member, driven = changed_model(model, time, parameter, pair, states[copy], ramps[copy])
                 if operators is not None and (force := operators.start(copy, model.name)) is not None:
                     member = replace(member, loads=[*member.loads, LoadTerm(MARK, force)])
                     driven = replace(driven, amplitudes=[*driven.amplitudes, np.eye(1, len(time))[0]])
@@ -336,19 +340,6 @@ def _copies(
         share_operators(c.members[0], members[0])
         classes.append(members)
     return classes, histories
-
-
-def _hand_over(states: Sequence[StateChange], assembly: Assembly) -> None:
-    """Give an assembly the derivatives of the tractions that it starts with, and of its gaps, as ``InitialState`` does
-    those themselves."""
-    for i, unit in enumerate(assembly.interfaces):
-        copy, _, name = unit.name.partition(MARK)
-        state = states[int(copy)]
-        if name in state.traction:
-            assembly.start_tractions[i] = state.traction[name]
-        if name in state.closure and not assembly.quasi_static:
-            group = assembly.layout.group(i)
-            group.gap[group.members[i]] = unit.geometry.gap - state.closure[name]
 
 
 class OperatorChanges:
@@ -402,7 +393,7 @@ class OperatorChanges:
         return np.stack([state.u[:, j], state.v[:, j], state.a[:, j]])
 
     @staticmethod
-    def of(stage: Stage, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> OperatorChanges | None:
+    def of(stage: Stage, parameters: Sequence[VariedParameter], ends: Sequence[Ends]) -> OperatorChanges | None:
         """Those of a stage; None where no parameter changes a matrix."""
         changes, bolts = dict[tuple[int, str], _Matrices](), dict[str, BoltPlace]()
         strains, present = dict[tuple[int, str], _Strains](), models_of(stage.problem)
@@ -410,9 +401,12 @@ class OperatorChanges:
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
             more, less = (models_of(end) for end in pair)
             for name, model in more.items():
+                # without inertia velocities are those of increments, and no damping acts
                 matrices = tuple(
-                    _difference(getattr(model, key), getattr(less[name], key), parameter.span)
-                    for key in ("mass", "damping", "stiffness")
+                    None
+                    if key == "damping" and isinstance(scheme, QuasiStatic)
+                    else slope_of(getattr(model, key), getattr(less[name], key), parameter.span)
+                    for key in MATRICES
                 )
                 present_branches, ends_of = (
                     present[name].branches.marched(scheme),
@@ -577,118 +571,6 @@ class _Strains:
         return forces if self.change is None else forces + self.change @ present
 
 
-def _difference(more: sp.csr_array | None, less: sp.csr_array | None, span: float) -> sp.csr_array | None:
-    """Derivative of a matrix; None where it does not change."""
-    if more is None or less is None:
-        return None
-    slope = sp.csr_array((more - less) / span)
-    if abs(slope).max() > 0.0:
-        return slope
-    return None
-
-
-def _unit(
-    copy: int, unit: InterfaceUnit, parameter: VariedParameter, ends: tuple[InterfaceUnit, InterfaceUnit]
-) -> InterfaceUnit:
-    """Copy of an interface for a parameter, with the derivatives of its gap and preload."""
-    more, less = ends
-    geometry = replace(unit.geometry, gap=parameter.of(more.geometry.gap, less.geometry.gap))
-    preload = (more.preload - less.preload) / parameter.span
-    return replace(unit_of(copy, unit), geometry=geometry, preload=preload)
-
-
-def _copy(
-    model: SubstructureModel,
-    time: Array,
-    parameter: VariedParameter,
-    ends: _Pair,
-    state: StateChange,
-    ramps: Mapping[str, tuple[float, float]],
-) -> tuple[SubstructureModel, Histories]:
-    """A substructure with the derivatives of its loads, motions and initial values; ``ramps`` of the bolts."""
-    more, less = (models_of(end)[model.name] for end in ends)
-    driven = [end.timeline.histories(source, time) for end, source in zip(ends, (more, less), strict=True)]
-    loads, amplitudes = list[LoadTerm](), list[Array]()
-    for source, history, sign in zip((more, less), driven, (1.0, -1.0), strict=True):
-        for load, amplitude in zip(source.loads, history.amplitudes, strict=True):
-            same = next((k for k, other in enumerate(loads) if np.array_equal(other.pattern, load.pattern)), len(loads))
-            if same == len(loads):
-                loads.append(replace(load, name=f"{MARK}{load.name}"))
-                amplitudes.append(np.zeros(len(time)))
-            amplitudes[same] = amplitudes[same] + sign / parameter.span * amplitude
-    for load in model.loads:
-        first, last = ramps.get(load.name, (0.0, 0.0))
-        if first or last:
-            loads.append(load)
-            amplitudes.append(first + (last - first) * time / time[-1])
-    copy = replace(
-        model,
-        loads=loads,
-        displacement=state.displacement.get(model.name, parameter.of(more.displacement, less.displacement)),
-        velocity=parameter.of(more.velocity, less.velocity),
-        imposed_start=parameter.of(more.imposed_start, less.imposed_start),
-        imposed_speed=None
-        if more.imposed_speed is None or less.imposed_speed is None
-        else parameter.of(more.imposed_speed, less.imposed_speed),
-    )
-    motion = parameter.of(driven[0].imposed, driven[1].imposed)
-    return copy, Histories(time, amplitudes, motion, driven[0].motion_kinds)
-
-
-def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) -> dict[str, tuple[float, float]]:
-    """Derivatives of the first and last amplitude of the load terms of the bolts."""
-    changes = {}
-    for name, cut in stage.problem.cuts.items():
-        locked = state.shortening.get(name, 0.0)
-        changes[load_name(name)] = locked, locked
-        if name in stage.tightened:
-            force, shortening = _bolt_changes(parameter, name)
-            changes[load_name(name)] = (state.tension.get(name, 0.0), force) if cut.loose else (0.0, shortening)
-    return changes
-
-
-def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
-    """Derivatives of the force and of the shortening that a bolt is given."""
-    more, less = parameter.more.cuts[name], parameter.less.cuts[name]
-    force = (more.tension or 0.0) - (less.tension or 0.0)
-    shortening = (more.table.shortening or 0.0) - (less.table.shortening or 0.0)
-    return force / parameter.span, shortening / parameter.span
-
-
-def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> dict[int, Array]:
-    """Derivatives of the velocities of the ground of the copies."""
-    velocities, n = dict[int, Array](), len(base.interfaces)
-    for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
-        more, less = (end.timeline.ground(base.interfaces, end.time) for end in pair)
-        velocities |= {copy * n + i: parameter.of(more[i], less[i]) for i in more}
-    return velocities
-
-
-def _request(request: OutputRequest, copies: int) -> OutputRequest:
-    """Sensors and bolts of the copies."""
-
-    def with_changes(bolt: BoltPlace) -> BoltPlace:
-        # a temperature has another name among the derivatives of loads
-        return replace(bolt, terms=dict(bolt.terms) | {f"{MARK}{load}": t for load, t in bolt.terms.items()})
-
-    sensors, bolts = dict[str, Any](), dict[str, Any]()
-    for copy in range(copies):
-        sensors |= copied(request.sensors, copy)
-        bolts |= copied(request.bolts, copy, with_changes)
-    return OutputRequest(sensors=sensors, bolts=bolts)
-
-
-def _law_changes(
-    parameter: VariedParameter, more: DiscretisedProblem, less: DiscretisedProblem
-) -> list[tuple[Array, Array, float] | None]:
-    """Parameters of the laws of every group at both ends, None where they are equal."""
-    pairs = zip(more.layout.groups, less.layout.groups, strict=True)
-    return [
-        None if np.array_equal(m.parameters, s.parameters) else (m.parameters, s.parameters, parameter.span)
-        for m, s in pairs
-    ]
-
-
 def _state_after(
     stage: Stage, run: TangentRun, copy: int, parameter: VariedParameter, state: StateChange
 ) -> StateChange:
@@ -730,7 +612,7 @@ def _state_after(
         changed = k * solved.bolts.shortening.get(name, 0.0)
         changed -= float(parameter.of(more.pattern, less.pattern) @ body_motion)
         if name in stage.tightened:
-            force, amount = _bolt_changes(parameter, name)
+            force, amount = bolt_changes(parameter, name)
             shortening[name] = cut.shortening(force - changed, u) if cut.loose else amount
         tension[name] = cut.force(shortening.get(name, 0.0), u) + changed
     return StateChange(displacement, traction, closure, shortening, tension)
