@@ -1,6 +1,6 @@
 """Bolted assemblies marched in four ways, in turn: time, memory and differences; and one whose joints are all bonded.
 
-    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep | --fmu | --derivatives]
+    python examples/benchmarks/assemblies.py [--rounds N] [--share X] [--former PYTHON] [--sweep|--fmu|--derivatives]
 
 ``iterate`` marches each body for itself, with bonds among the interfaces that are iterated; ``direct`` marches bonded
 bodies as one; ``modal`` the modes of the assembly; ``automatic`` is the choice of the program with the march for the

@@ -5,8 +5,8 @@
 ``FOLDER`` is a former tree of this repository (``git worktree add FOLDER d672431a``, then there ``python -m
 latin_fmu.aot``), which runs in the same environment. A run is that of ``latin_fmu.solve`` in a process of its own, on
 one thread, after one that is not timed, without the coarser runs of an estimated error. Printed are medians of the
-rounds, new over former, and the geometric mean of these. Left out are ``bolted_beam`` and ``electronics_box``, which take
-minutes (``assemblies.py``).
+rounds, new over former, and the geometric mean of these. ``bolted_beam`` and ``electronics_box``, which take minutes,
+are left out (``assemblies.py`` runs them).
 """
 
 from __future__ import annotations
