@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from .results.views import amplitude_spectrum, pressure_map, resultant, ring_down, sensor_spectrum, skin
     from .scene.schema import Scene
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "Checkpoint",
