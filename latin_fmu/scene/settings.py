@@ -324,7 +324,7 @@ class ModalPropagatorTable(SceneTable):
     an instant costs depends on the contacts, not on the mesh. For bolted assemblies in steps longer than waves take
     through an element. What modes above `highest` and waves inside a body do is lost; taken by `automatic`, how much
     that is is estimated. A scene that asks for more than this march has is marched body by body, and a remark says
-    why."""
+    why; in sessions and FMUs it is refused."""
 
     type: Literal["modal"] = "modal"
     highest: Annotated[
