@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from ..assembly.supports import port_key
 from ..joined.motion_rows import RowShares, bond_rows, mean_rows, row_shares, spring_rows
 from ..joined.reduced_run import NAME, DrivePlace, MotionPlace, ReducedMarch, drive_places
-from ..joined.tied_assembly import DAMPING, MASS, STIFFNESS
+from ..joined.tied_assembly import DAMPING, MASS, STIFFNESS, placed
 from ..latin.assembly import Array, Index
 from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
@@ -64,7 +64,7 @@ class OutputRows:
                 full = place.full_rows(model, False)
                 if model.nodal is not None:
                     full = full @ model.nodal
-                rows[kind, name] = tied.placed(place.substructure, sp.csr_array(full))
+                rows[kind, name] = placed(tied.where[place.substructure], tied.trace.shape[1], full)
         for i, unit in enumerate(units):
             for side in (0, 1):
                 if unit.geometry.traces[side] is not None:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from ..latin.assembly import Array
 from .bond_forces import BondForces
 from .reduced_run import ReducedMarch
-from .tied_assembly import jump_rows, spring_weights
+from .tied_assembly import jump_rows, placed, spring_weights
 
 
 def basis_of(march: ReducedMarch) -> Array:
@@ -58,7 +58,8 @@ def mean_rows(march: ReducedMarch, i: int, side: int) -> sp.csr_array:
     model = next(m for m in tied.models if m.name == name)
     motion = trace if model.nodal is None else sp.csr_array(trace @ model.nodal)
     share = unit.geometry.areas / unit.geometry.areas.sum()
-    return tied.placed(name, sp.csr_array(sp.kron(share[None], sp.eye_array(3)) @ motion))
+    means = sp.csr_array(sp.kron(share[None], sp.eye_array(3)) @ motion)
+    return placed(tied.where[name], tied.trace.shape[1], means)
 
 
 def spring_rows(march: ReducedMarch, i: int) -> sp.csr_array:

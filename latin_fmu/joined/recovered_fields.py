@@ -35,7 +35,7 @@ from .bond_forces import BondForces
 from .motion_rows import basis_of, row_shares
 from .recovered_energies import assembly_energies
 from .reduced_run import NAME, RELATIVE, ReducedMarch
-from .tied_assembly import jump_rows
+from .tied_assembly import jump_rows, placed
 
 _INSTANTS: Final = 64  # whose forces on all dofs are there at a time
 
@@ -407,13 +407,13 @@ class RecoveredRecorder(Recorder):
                     motion = trace
                 else:
                     motion = sp.csr_array(trace @ nodal)
-                moved = self._motions.of(tied.placed(name, motion), 1)
+                moved = self._motions.of(placed(tied.where[name], tied.trace.shape[1], motion), 1)
                 slide[:n, side] = moved.reshape(n, -1, 3)
 
     def _read_series(self, n: int) -> None:
         """Sensors, reactions, bolts and paths."""
         places = {name: (c, m) for c, p in enumerate(self._march.bodies.propagators) for m, name in enumerate(p.names)}
-        motions, assembly = self._motions, self._march.bodies
+        motions, assembly, tied = self._motions, self._march.bodies, self._march.tied
         read = [(key, name, place) for key in SERIES for name, place in self.request.places(key).items()]
         rows = []
         for _, _, place in read:
@@ -422,7 +422,7 @@ class RecoveredRecorder(Recorder):
             full = place.full_rows(model, False)
             if model.nodal is not None:
                 full = full @ model.nodal
-            rows.append(motions.march.tied.placed(place.substructure, sp.csr_array(full)))
+            rows.append(placed(tied.where[place.substructure], tied.trace.shape[1], full))
         # together: vectors of all dofs
         series = motions.sensed(sp.csr_array(sp.vstack(rows))) if rows else np.zeros((3, n, 0))
         ends = np.cumsum([matrix.shape[0] for matrix in rows])

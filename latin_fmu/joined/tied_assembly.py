@@ -352,12 +352,6 @@ class TiedAssembly:
             blocks.append(sp.csr_array(block))
         return sp.csr_array(sp.hstack(blocks))
 
-    def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
-        """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
-        matrix = sp.csr_array(rows)
-        shape = matrix.shape[0], self.expansion.shape[0]
-        return sp.csr_array((matrix.data, matrix.indices + self.where[name].start, matrix.indptr), shape=shape)
-
     def moved(self, name: str, motions: Array) -> Array:
         """Full dofs (n_full, k) of a body by motions (n_free, k) of the free dofs."""
         return np.asarray(self.expansion[self.where[name], : self.n_free] @ motions)
@@ -370,6 +364,12 @@ class TiedAssembly:
             where = self.where[model.name]
             product[where] = _matrix(model, kind) @ motions[where]
         return product + self.springs @ motions if kind == STIFFNESS else product
+
+
+def placed(where: slice, n: int, rows: sp.csr_array | Array) -> sp.csr_array:
+    """Rows (k, m) of the full dofs of a body, which are those of ``where`` among the n of all bodies, (k, n)."""
+    matrix = sp.csr_array(rows)
+    return sp.csr_array((matrix.data, matrix.indices + where.start, matrix.indptr), shape=(matrix.shape[0], n))
 
 
 def channel_trace(classes: Sequence[ModelClass], layout: Layout, where: Mapping[str, slice], n: int) -> sp.csr_array:
