@@ -274,8 +274,9 @@ def test_no_figure_shows_code_of_two_releases_ago(figure: str) -> None:
     assert current or len(later) <= 1, f"drawn with {drawn}, changed since: python examples/figures.py {figure}"
 
 
+@pytest.mark.slow
 def test_the_site_builds(tmp_path: Path) -> None:
-    """Without -q, which would keep mkdocs from counting its warnings."""
+    """Without -q, which would keep mkdocs from counting its warnings; ``.ci/run`` builds it, too."""
     for name in ("mkdocs", "material", "nbclient", "ipykernel"):
         pytest.importorskip(name)
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]

@@ -602,6 +602,7 @@ def test_what_leaves_no_section_is_named() -> None:
     assert any(line.startswith("  bolt b:") for line in check(scene_from_dict(data)))
 
 
+@pytest.mark.slow
 def test_force_that_is_not_reached() -> None:
     """A shank that is pressed to the beam by 100 N cannot pull at it with more: which bolt, the force reached and the
     target."""

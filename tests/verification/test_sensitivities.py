@@ -304,6 +304,7 @@ def test_a_thrown_bar_touches_later_by_the_gap_over_its_speed() -> None:
     np.testing.assert_allclose(changes, [0.487, -0.487], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_impulse_of_a_thrown_bar_follows_its_mass() -> None:
     """The impulse is 2 m v whatever its stiffness is and whenever it lands: d/d(density) is the impulse; by gap and
     modulus it is 0, which is flagged, for fronts of 300 N are shifted in time. The contact lasts 2 L / c."""
@@ -317,6 +318,7 @@ def test_impulse_of_a_thrown_bar_follows_its_mass() -> None:
     np.testing.assert_allclose(separation.changes[1:], [-1.0 / 3.0, 1.0 / 3.0], rtol=0.1)
 
 
+@pytest.mark.slow
 def test_tension_follows_the_modulus_of_a_bolt_that_is_shortened() -> None:
     """With a given shortening the tension is that of the stiffness of the joint, all of steel."""
     settings = ("bolt.m6={substructure='bolt',axis=[0.0,0.0,1.0],shortening=2e-6}", "time.instants=2")
