@@ -248,6 +248,9 @@ def constants(
         row["relaxing_shares"] = block.put(np.append(face.row_shares, face.share))
     row["branches"] = block.put(propagator.branches.weights(propagator.scheme, propagator.dt))
     put_matrix(block, row, "probe", probe)
+    if sensor is not None:
+        # long rows are read by their first and last column (``kernels.products.read_long_rows``)
+        sensor.sum_duplicates()
     put_matrix(block, row, "sensor", sensor)
     if propagator.energy:
         _borders(block, row, propagator)
