@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.supports import port_key
-from ..joined.motion_rows import RowShares, bond_rows, mean_rows, row_shares, spring_rows
+from ..joined.motion_rows import RowShares, bond_rows, carried_rows, mean_rows, row_shares, spring_rows
 from ..joined.reduced_run import NAME, DrivePlace, MotionPlace, ReducedMarch, drive_places
 from ..joined.tied_assembly import DAMPING, MASS, STIFFNESS, placed
 from ..latin.assembly import Array, Index
@@ -42,15 +42,15 @@ class OutputRows:
     Attributes
     ----------
     places : rows of each reading by kind and name. shares : of all rows. combined : (n, k) of the rows, by combinations
-    (k, n_r) of the relative motions, ``combinations``. bonds : rows (4, n_full) by number of the interface that give
-    resultants of bonds by the forces g on the bodies.
+    (k, n_r) of the relative motions, ``combinations``. bonds : rows that give sums of tractions of bonds by the forces
+    g on the bodies: (4, n_full) resultants by name of the interface, (3, n_full) those on held dofs by ``_held``.
     """
 
     places: Mapping[tuple[str, str], slice]
     shares: RowShares
     combined: Array
     combinations: Array
-    bonds: Mapping[int, sp.csr_array]
+    bonds: Mapping[str, sp.csr_array]
 
     @staticmethod
     def of(march: ReducedMarch, request: OutputRequest) -> OutputRows:
@@ -69,14 +69,16 @@ class OutputRows:
             for side in (0, 1):
                 if unit.geometry.traces[side] is not None:
                     rows[f"side {side}", unit.name] = mean_rows(march, i, side)
-        bonds = bond_rows(march)
-        for i, of_bond in bonds.items():
+        bonds = {units[i].name: of_bond for i, of_bond in bond_rows(march).items()}
+        for name, support in request.supports.items():
+            bonds[_held(name)], rows["held", name] = carried_rows(march, support)
+        relaxing = [name for name, model in models.items() if len(model.branches)]
+        for name, of_bond in bonds.items():
             stiff = sp.csr_array(tied.rows_times(STIFFNESS, of_bond, [*models]) + of_bond @ tied.springs)
-            rows["stiffness", units[i].name] = stiff
+            rows["stiffness", name] = stiff
             for kind, number in (("damping", DAMPING), ("mass", MASS)):
-                rows[kind, units[i].name] = tied.rows_times(number, of_bond, [*models])
-            relaxing = [name for name, model in models.items() if len(model.branches)]
-            rows["strained", units[i].name] = tied.rows_times(STIFFNESS, of_bond, relaxing)
+                rows[kind, name] = tied.rows_times(number, of_bond, [*models])
+            rows["strained", name] = tied.rows_times(STIFFNESS, of_bond, relaxing)
         for i in tied.joints.linear:
             rows["springs", units[i].name] = spring_rows(march, i)
         ends = np.cumsum([0, *(matrix.shape[0] for matrix in rows.values())]).tolist()
@@ -86,6 +88,11 @@ class OutputRows:
         for (kind, _), part in places.items():  # accelerations of r are not taken
             relative[part][{"mass": slice(None), "force": slice(6, 9)}.get(kind, slice(0))] = 0.0
         return OutputRows(places, shares, *_combinations(relative), bonds)
+
+
+def _held(support: str) -> str:
+    """Name of the sums of tractions of bonds on the dofs that a support holds."""
+    return f"held by {support}"
 
 
 def _combinations(relative: Array) -> tuple[Array, Array]:
@@ -104,7 +111,7 @@ class ReducedSignals(Signals):
     """The outputs of a reduced assembly from the signals of its march."""
 
     def __init__(self, scene: Scene, drives: Drives, march: ReducedMarch, request: OutputRequest) -> None:
-        self._march, self._asked = march, request
+        self._march, self._of_bodies = march, request
         self._rows = OutputRows.of(march, request)
         m, n_r = march.reduced.n_mode, march.tied.n_relative
         read = sp.csr_array(sp.block_diag([sp.eye_array(m), sp.csr_array(self._rows.combinations)]))
@@ -192,7 +199,7 @@ class ReducedSignals(Signals):
     def exerted(self, name: str, turned: int) -> sp.csr_array:
         """Force that the body exerts through a port that is moved, or its moment."""
         key = port_key(name, turned=bool(turned))
-        place = self._asked.supports[key]
+        place = self._of_bodies.supports[key]
         parts = [self._moved(("force", key), kind)[3 * kind : 3 * kind + 3] for kind in range(3)]
         number, member = self._place_of(place.substructure)
         if len(self._bodies.propagators[number].branches):
@@ -204,6 +211,7 @@ class ReducedSignals(Signals):
             for load, amplitude, resultant in terms:
                 self._add_load(total, axis, load.name, amplitude, -resultant[axis])
         carried = sp.csr_array(place.spread.T) @ self._tractions(self._bodies.channels[number][:, member])
+        carried = carried + self._sums_of_bonds(_held(key)) + self._moved(("held", key), 0)
         return -sp.csr_array(sp.csr_array(total) - carried)
 
     def _place_of(self, substructure: str) -> tuple[int, int]:
@@ -212,8 +220,7 @@ class ReducedSignals(Signals):
         return next((c, p.names.index(substructure)) for c, p in enumerate(propagators) if substructure in p.names)
 
     def _tractions(self, channels: Index) -> sp.csr_array:
-        """Tractions (k, n), Pa, of contacts at channels of the interfaces of the bodies; those of bonds and springs are
-        no signals, and zero."""
+        """Tractions (k, n), Pa, of contacts at channels of the interfaces of the bodies; zero for bonds and springs."""
         layout, inner = self._bodies.layout, self._assembly.layout
         where = np.full(layout.n_flat, -1, dtype=np.int64)
         for j, i in enumerate(self._march.units):
@@ -226,7 +233,7 @@ class ReducedSignals(Signals):
 
     def tension(self, name: str) -> sp.csr_array:
         """Tension of a bolt."""
-        bolt = self._asked.bolts[name]
+        bolt = self._of_bodies.bolts[name]
         number, member = self._place_of(bolt.substructure)
         strained = self._moved(("tension", name), 0)
         if len(self._bodies.propagators[number].branches):
@@ -246,7 +253,7 @@ class ReducedSignals(Signals):
         if i in self._march.units:
             rows |= self._interface_rows(self._march.units.index(i), row_matrix)
         else:
-            forces = self._bond(i) if i in self._rows.bonds else self._moved(("springs", name), 0)
+            forces = self._sums_of_bonds(name) if name in self._rows.bonds else self._moved(("springs", name), 0)
             rows |= {"force": sp.csr_array(forces[:3]), "normalForce": sp.csr_array(forces[3:])}
         if not unit.against_ground:
             sides = [self._moved((f"side {side}", name), 1) for side in (0, 1)]
@@ -258,10 +265,9 @@ class ReducedSignals(Signals):
             rows |= {"velocityE": first, "velocityEp": sp.csr_array(first.shape), "relativeVelocity": -first}
         return rows
 
-    def _bond(self, i: int) -> sp.csr_array:
-        """Resultant and normal resultant (4, n) of a bond, from the equilibrium of the bodies that it joins."""
-        march, rows = self._march, self._rows.bonds[i]
-        name = march.bodies.interfaces[i].name
+    def _sums_of_bonds(self, name: str) -> sp.csr_array:
+        """Sums of tractions of bonds (k, n), from the equilibrium of the bodies that they join."""
+        march, rows = self._march, self._rows.bonds[name]
         parts = [self._moved((part, name), kind) for kind, part in enumerate(("stiffness", "damping", "mass"))]
         total = sp.lil_array(parts[0] + parts[1] + parts[2] + self._moved(("strained", name), STRAIN))
         loads = rows @ march.drives.forces[:, : march.drives.n_load]

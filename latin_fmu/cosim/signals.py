@@ -276,10 +276,9 @@ class Signals(SignalPlaces):
         status = np.full(len(self._assembly.interfaces), -1, dtype=np.int64)
         for i, unit in enumerate(self._assembly.interfaces):
             n = unit.geometry.n_point
-            unknowns, fields = (
-                _unknowns(self._assembly, i, row_matrix.shape[0]),
-                self._unit_fields(i, row_matrix.shape[0]),
-            )
+            width = row_matrix.shape[0]
+            unknowns = _unknowns(self._assembly, i, width)
+            fields = self._unit_fields(i, width)
             parts = [fields.traction.reshape(-1, 1, n, 3), fields.velocity]
             if fields.gap is not None:
                 parts += [fields.gap.reshape(-1, 1, n, 1)]

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..latin.assembly import Array
+from ..latin.probes import Support
 from .bond_forces import BondForces
 from .reduced_run import ReducedMarch
 from .tied_assembly import jump_rows, placed, spring_weights
@@ -80,18 +81,45 @@ def _resultants(march: ReducedMarch, i: int) -> sp.csr_array:
     return sp.csr_array(np.vstack([frames, normal.ravel()]))
 
 
+def bond_forces(march: ReducedMarch) -> BondForces:
+    """What gives the tractions of the bonds, of which there are some."""
+    tied = march.tied
+    expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
+    return BondForces(tied.joints.bonded, march.bodies.layout, tied.trace, expansion)
+
+
 def bond_rows(march: ReducedMarch) -> dict[int, sp.csr_array]:
     """Of each bond the rows (4, n_full) that give its resultant force on side E, global axes, and its normal resultant,
     positive in compression, by the forces g on the bodies."""
-    tied, layout = march.tied, march.bodies.layout
-    bonded = tied.joints.bonded
+    bonded, layout = march.tied.joints.bonded, march.bodies.layout
     if not bonded:
         return {}
-    expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
     weights = {}
     for k, i in enumerate(bonded):
         channels = layout.channels(i, 0).ravel()
         weights[i] = np.zeros((4 * len(bonded), channels.size))
         weights[i][4 * k : 4 * k + 4] = (_resultants(march, i) @ sp.diags_array(layout.area[channels])).toarray()
-    rows = BondForces(bonded, layout, tied.trace, expansion).sums(weights)
+    rows = bond_forces(march).sums(weights)
     return {i: sp.csr_array(rows[4 * k : 4 * k + 4]) for k, i in enumerate(bonded)}
+
+
+def carried_rows(march: ReducedMarch, support: Support) -> tuple[sp.csr_array, sp.csr_array]:
+    """What bonds, and springs between sides, exert on the dofs that a support holds, where they share some: rows (3,
+    n_full) by the forces g on the bodies, and rows (3, n_full) of the motion."""
+    tied, layout, bodies = march.tied, march.bodies.layout, march.bodies
+    number = next(c for c, p in enumerate(bodies.propagators) if support.substructure in p.names)
+    member = bodies.propagators[number].names.index(support.substructure)
+    weights = np.zeros((3, layout.n_flat))
+    weights[:, bodies.channels[number][:, member]] = support.spread.T
+    both = {
+        i: weights[:, layout.channels(i, 0).ravel()] - weights[:, layout.channels(i, 1).ravel()]
+        for i in (*tied.joints.bonded, *tied.joints.linear)
+    }
+    of_bonds = of_springs = sp.csr_array((3, tied.trace.shape[1]))
+    if any(both[i].any() for i in tied.joints.bonded):
+        of_bonds = bond_forces(march).sums({i: both[i] for i in tied.joints.bonded})
+    for i in tied.joints.linear:
+        per_area = spring_weights(march.bodies.interfaces[i]) / layout.area[layout.channels(i, 0).ravel()]
+        rows = sp.csr_array(both[i] * per_area) @ jump_rows(layout, tied.trace, i)
+        of_springs = sp.csr_array(of_springs - rows)
+    return of_bonds, of_springs

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ..latin.assembly import Array, Index
 from ..time_scheme import MaxwellBranches
-from .motion_rows import bond_rows
+from .motion_rows import bond_rows, carried_rows
 from .recovered_fields import Motions, RecoveredRecorder
 from .reduced_run import ReducedMarch
 from .tied_assembly import DAMPING, MASS, STIFFNESS
@@ -49,17 +49,30 @@ class ResultantRecorder(RecoveredRecorder):
             sums = bond_resultants(self._motions, flat_f)
             self.bond_resultants = {units[i].name: series for i, series in zip(bonded, sums.T, strict=True)}
 
+    def _read_series(self, n: int) -> None:
+        """Sensors, reactions and bolts; bonds have no tractions here, those on held dofs are sums of few rows."""
+        super()._read_series(n)
+        for name, support in self.request.supports.items():
+            rows, _ = carried_rows(self._march, support)
+            if rows.count_nonzero():
+                self._series["force"][name][:n, 1] -= sums_of_bonds(self._motions, self.rows.f_hat[:n], rows)
+
     def _recover_bodies(self) -> None:
         """None: no field is stored."""
 
 
 def bond_resultants(motions: Motions, flat_f: Array) -> Array:
-    """Normal resultants (n_time, n_bond) of all bonds, N, positive in compression; ``flat_f`` : tractions (n_time,
-    n_flat) of the other interfaces, Pa."""
+    """Normal resultants (n_time, n_bond) of all bonds, N, positive in compression; as ``sums_of_bonds``."""
+    # the last row of each bond
+    rows = [of_bond[3:] for of_bond in bond_rows(motions.march).values()]
+    return sums_of_bonds(motions, flat_f, sp.csr_array(sp.vstack(rows)))
+
+
+def sums_of_bonds(motions: Motions, flat_f: Array, rows: sp.csr_array) -> Array:
+    """Sums (n_time, k) of the tractions of bonds by their rows (k, n_full); ``flat_f`` : tractions (n_time, n_flat) of
+    the other interfaces, Pa."""
     march = motions.march
     tied, layout = march.tied, march.bodies.layout
-    # the last of each bond
-    rows = sp.csr_array(sp.vstack([of_bond[3:] for of_bond in bond_rows(march).values()]))
     n, drives = len(flat_f), march.drives
     n_load = drives.n_load
     total = -(rows @ drives.forces[:, :n_load] @ drives.amplitudes[:n_load, :n]).T

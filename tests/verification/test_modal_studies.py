@@ -151,3 +151,14 @@ def test_series_leave_nothing_out(held: dict[str, Any], monkeypatch: pytest.Monk
     assert "glue" not in alone.interfaces
     assert np.abs(alone.outcome.bond_resultants["glue"] - resultant).max() < 1e-6 * size
     assert np.array_equal(alone.interfaces["lap"].traction, exact.interfaces["lap"].traction)
+
+
+def test_a_reaction_beside_a_bond_is_that_of_a_run_alone() -> None:
+    """The held face shares nodes with a bond, whose tractions a study does not read."""
+    tables = stacked(propagator={"type": "modal"})
+    lap, glue = tables["interface"]["lap"], tables["interface"]["glue"]
+    lap["sides"], glue["sides"] = glue["sides"], lap["sides"]
+    scene = scene_from_dict(tables)
+    alone, study = solve(scene), solve(scene, kept=KeptOperators(resultants_alone=True))
+    force = alone.reactions["clamp"].force
+    assert np.abs(study.reactions["clamp"].force - force).max() < RECOVERED * np.abs(force).max()
