@@ -23,7 +23,7 @@ from tests.verification.test_modal_march import CORD, DASHPOTS, damped_by_ratios
 from tests.verification.test_modal_studies import stacked
 
 MODELS = Path(__file__).parents[2] / "models"
-EXACT = 1e-6  # of the largest of a history: the march is the same, and rows of displacements are exact
+EXACT = 1e-5  # of the largest of a history: the tolerance of both iterations, rows of displacements being exact
 OF_RATES = 1e-2  # rates of relative motions over the last step, where the run has central differences
 OF_FORCES = 5e-3  # of bonds, reactions and bolts, by the same rates and without accelerations of relative motions
 OF_GAPS = 1e-4  # of a few nm in stiff stacks, where both iterate to 1e-5 by other windows
