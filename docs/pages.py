@@ -33,7 +33,7 @@ PARTS = {
     "Bodies": ("material", "damping", "mesh", "substructure", "temperature"),
     "Joints": ("interface", "contact", "bolt", "spring", "coupling", "point_mass"),
     "Loads and supports": ("load", "boundary", "gravity", "port"),
-    "Time and solver": ("time", "motion", "initial_state", "solver", "accuracy"),
+    "Time and solver": ("time", "motion", "initial_state", "solver", "effects", "accuracy"),
     "Sensors and output": ("sensor", "output", "fmu"),
 }
 """Tables of a scene by the page of the reference that describes them."""

@@ -19,7 +19,7 @@ from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import by_modes, chosen_propagators
 from .assembly.untouched import touched
 from .assembly.yielding_bolts import Yielding
-from .building import discretise, solver_ready
+from .building import discretise, solver_ready, started
 from .checks.run_checks import with_faults
 from .effects.cost import Prediction, check_memory, least_output
 from .errors import InputError, Problems, ResultsError, listed
@@ -265,14 +265,16 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
                 from .statics.static_fields import solved_at_once
 
                 at_once = solved_at_once(scene, discretised, looks_at_bodies)
+            stages = None if tangent is None else tangent.stages
+            discretised, start = started(discretised, {}, stages)
+            prediction.discretised = discretised
             grouped, why = None, ""
             bonded = any(bonds(unit.behaviour) for unit in discretised.units)
             if bonded and not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):
                 from .effects.march_choice import cheaper_march
 
                 grouped, prediction, why = cheaper_march(discretised, prediction, restricted or wanted)
-            stages = None if tangent is None else tangent.stages
-            problem = solver_ready(discretised, {}, options.n_process, stages, modal or tries, at_once, grouped)
+            problem = solver_ready(discretised, start, options.n_process, modal or tries, at_once, grouped)
             problem = replace(problem, bonds=f"iterated: {why}") if why else problem
         except TieError as error:
             if tries:

@@ -69,27 +69,42 @@ def build(
     ------
     SceneError : meshes that cannot be read, unknown faces, faces that do not fit, all at once; no equilibrium.
     """
-    return solver_ready(discretise(scene, behaviours), amplitudes or {})
+    return solver_ready(*started(discretise(scene, behaviours), amplitudes or {}))
+
+
+def started(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> tuple[DiscretisedProblem, InitialState | None]:
+    """The equilibrium that a scene starts from, None where it starts from its initial values, and the problem of the
+    motion about it, with the stiffness of its stress where that counts.
+
+    Parameters
+    ----------
+    amplitudes : at t = 0, as for ``build``. stages : for derivatives, the static ones are added to these.
+    """
+    if discretised.scene.time.start.type != "static":
+        return discretised, None
+    from .statics.displaced_starts import displaced_start
+    from .statics.prestressed import with_prestress
+    from .statics.starts import undisplaced_equilibrium
+
+    state = undisplaced_equilibrium(discretised, amplitudes, stages)
+    discretised, state = with_prestress(discretised, state, amplitudes, stages is not None)
+    return discretised, displaced_start(discretised, state)
 
 
 def solver_ready(
     discretised: DiscretisedProblem,
-    amplitudes: Mapping[str, float],
+    start: InitialState | None,
     processes: int = 1,
-    stages: list[Stage] | None = None,
     modal: bool = False,
     at_once: bool = False,
     grouped: GroupedAssembly | None = None,
 ) -> SolverReadyProblem:
-    """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
-    ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
-    whether the assembly is marched by its modes. at_once : whether one without inertia is solved over all bodies
-    together, where it can be. grouped : the substructures where bonded bodies are one, None where they are not."""
-    start = None
-    if discretised.scene.time.start.type == "static":
-        from .statics.starts import starting_equilibrium
-
-        start = starting_equilibrium(discretised, amplitudes, stages)
+    """Operators, with the initial values given or an equilibrium (``started``); ``processes`` : among which the
+    substructures are divided. modal : whether the assembly is marched by its modes. at_once : whether one without
+    inertia is solved over all bodies together, where it can be. grouped : the substructures where bonded bodies are
+    one, None where they are not."""
     if at_once:
         from .statics.static_fields import static_problem_at_once
 
@@ -214,6 +229,26 @@ def start_state(scene: Scene) -> InitialState | None:
     return undisplaced_equilibrium(discretised, {})
 
 
+def clamped(
+    scene: Scene, problem: DiscretisedProblem, joints: str = "sticking"
+) -> tuple[DiscretisedProblem, InitialState | None]:
+    """The ``problem`` of a scene by ``without_scheme`` with the stiffness of the stress of the state at t = 0 where it
+    counts, and that state; None where the ``joints`` do not stick, or nothing acts.
+
+    Raises
+    ------
+    SceneError : no equilibrium, or one that has buckled.
+    """
+    state = None
+    if joints == "sticking":
+        state = start_state(scene)
+    if state is not None:
+        from .statics.prestressed import stressed_problem
+
+        problem = stressed_problem(problem, state)
+    return problem, state
+
+
 def _damped(scene: Scene, remarks: list[Remark]) -> Scene:
     """The scene with the ratio of [damping] where nothing else is said; a remark names a band that was found."""
     table = scene.damping
@@ -248,8 +283,8 @@ def _band_of(of: _SceneText) -> DampingBand:
     from .joined.joined_assembly import JoinedAssembly, pressed_of
 
     plain = of.scene.model_copy(update={"damping": None})
-    state = start_state(plain)
-    joined = JoinedAssembly.of(without_scheme(plain), "sticking", {} if state is None else pressed_of(state))
+    problem, state = clamped(plain, without_scheme(plain))
+    joined = JoinedAssembly.of(problem, "sticking", {} if state is None else pressed_of(state))
     return band_of(plain, joined.modes(1))
 
 

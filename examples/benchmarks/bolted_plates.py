@@ -196,10 +196,9 @@ def tables(deck: Path, instants: int, solver: dict[str, Any]) -> dict[str, Any]:
 def measured(size: float, instants: int, solver: dict[str, Any], profile: bool) -> dict[str, float]:
     """Seconds of the processor of every step, peak memory, bytes, and numbers of the run, in this process."""
     import latin_fmu
-    from latin_fmu.building import discretise
+    from latin_fmu.building import discretise, started
     from latin_fmu.latin.outcome import Timings
     from latin_fmu.march import march
-    from latin_fmu.statics.starts import starting_equilibrium
 
     found: dict[str, float] = {}
     clocks = [time.process_time()]
@@ -220,7 +219,7 @@ def measured(size: float, instants: int, solver: dict[str, Any], profile: bool) 
         step("read")
         ready = discretise(scene)
         step("discretise")
-        start = starting_equilibrium(ready, {})
+        ready, start = started(ready, {})
         step("static start")
         problem = ready.build(start)
         step("operators")

@@ -337,6 +337,13 @@ class OpenedMesh:
         types = mesh.cell_types
         self.mesh = Mesh(nodes, tuple(CellBlock(t, c) for t, c in zip(types, blocks, strict=True)), {})
 
+    @property
+    def merging(self) -> sp.csr_array:
+        """(n_node and nodes beyond the cuts, n_node) from values at the nodes to those of the opened mesh, no jump."""
+        n = len(self.mesh.nodes) - len(self._twins)
+        owners = np.concatenate([np.arange(n), self._twins])
+        return sp.csr_array((np.ones(len(owners)), (np.arange(len(owners)), owners)), shape=(len(owners), n))
+
     def recovery(self, shape: Shape) -> Recovery:
         """Strains of the elements and stresses at the nodes."""
         return _OpenedRecovery(Elements(self.mesh, shape.moduli), shape.elasticity, shape.bending_modes, self)

@@ -313,6 +313,7 @@ class InitialState:
         Pa. closure : (n_point,) by interface, m: residual gaps of closed points, within the tolerance.
     amplitudes : of the loads that are set from outside. message : how it was computed. remarks : warnings.
     bolts : as tightened. sets_off : whether bodies begin to move from it: those that fall, and displaced ones.
+    left_out : interfaces that are no part of the static problem, as they hold nothing.
     """
 
     displacement: Mapping[str, Array]
@@ -323,6 +324,7 @@ class InitialState:
     remarks: tuple[str, ...] = ()
     bolts: TightBolts = field(default_factory=TightBolts)
     sets_off: bool = False
+    left_out: tuple[str, ...] = ()
 
     def displaced(self, classes: list[ModelClass]) -> list[ModelClass]:
         """The classes with these initial displacements."""
@@ -351,6 +353,7 @@ def state_arrays(state: InitialState | None) -> dict[str, NDArray[Any]]:
     if state is not None:
         tree = {key: dict(getattr(state, key)) for key in _FIELDS}
         tree |= {"message": state.message, "remarks": state.remarks, "bolts": asdict(state.bolts)}
+        tree |= {"left_out": state.left_out}
     return {"state": np.frombuffer(encode(tree, _KIND), dtype=np.uint8)}
 
 
@@ -362,4 +365,5 @@ def state_of(arrays: Mapping[str, NDArray[Any]]) -> InitialState | None:
     bolts = tree["bolts"]
     forces = {name: tuple(values) for name, values in bolts["forces"].items()}
     tight = TightBolts(bolts["shortening"], tuple(bolts["orders"]), forces)
-    return InitialState(**tree | {"remarks": tuple(tree["remarks"]), "bolts": tight})
+    lists = {"remarks": tuple(tree["remarks"]), "left_out": tuple(tree["left_out"])}
+    return InitialState(**tree | lists | {"bolts": tight})

@@ -51,6 +51,7 @@ from .models import (
     unforeseen_landings,
 )
 from .press_fits import fit_pressures, fits
+from .prestress import Prestress
 from .propagator_choice import divided, made_propagators
 from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
@@ -99,6 +100,8 @@ class SolverReadyProblem:
     """The whole assembly, which is marched in the place of its bodies; None where these are."""
     grouped: GroupedMarch | None = None
     """The assembly that is marched where bonded bodies are one substructure; None where none are."""
+    prestress: str = ""
+    """What the stress of t = 0 changes; empty where it has no stiffness."""
     bonds: str = ""
     """Why bonds are iterated although nothing is said about them; empty where they are not, or where there are none."""
 
@@ -124,6 +127,7 @@ class SolverReadyProblem:
         out = {} if self.reduced is None else {"propagator": self.reduced.in_words}
         words = self.bonds if self.grouped is None else self.grouped.in_words
         out |= {"bonds": words} if words else {}
+        out |= {"prestress": self.prestress} if self.prestress else {}
         out |= {} if self.untouched is None else {"left out, never touched": ", ".join(self.untouched.info)}
         return {"time scheme": self.scheme, **start, **out, **({"operators": kept} if kept else {})}
 
@@ -163,6 +167,8 @@ class DiscretisedProblem:
     """Plastic elongation (n_time,) of the bolts that may yield, m (``yielding_bolts.Yielding``)."""
     histories: Mapping[str, Array] = field(default_factory=dict)
     """(n_time,) of load terms of the classes that no law of the scene has."""
+    prestress: Prestress | None = None
+    """Geometric stiffness of the bodies, which their classes have; None where there is none."""
 
     @staticmethod
     def of(
@@ -222,11 +228,11 @@ class DiscretisedProblem:
             recover = None if opened is None else OpenedStress(opened, b.shape)
             plain = b.shape.stress if wanted and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
-            unstrained = self._unstrained(b, wanted)
+            unstrained = self.unstrained(b, wanted)
             made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, unstrained, limit)
         return made
 
-    def _unstrained(self, body: Body, yielding: bool = False) -> Callable[[Array], Array] | None:
+    def unstrained(self, body: Body, yielding: bool = False) -> Callable[[Array], Array] | None:
         """Part (n_time, n_cell or 1, 6) of the stress at instants (n_time,) that the displacements do not make, Pa, by
         temperatures and, where ``yielding``, in the elements, by plastic elongations of bolts; None without these."""
         acting, elongated = tuple(self.scene.temperatures_of(body.name).values()), list[tuple[Array, Array]]()
@@ -253,7 +259,7 @@ class DiscretisedProblem:
             if not b.rigid:
                 opened = self.opened(n, shortening)
                 recovery = b.shape.recovery if opened is None else opened.recovery(b.shape)
-                made[n] = Recovered(recovery, *fields, self._unstrained(b))
+                made[n] = Recovered(recovery, *fields, self.unstrained(b))
         return made
 
     def timeline_with(self, bolts: TightBolts) -> Timeline:
@@ -397,6 +403,7 @@ def ready(
         unforeseen,
         reduced,
         grouped,
+        "" if problem.prestress is None else problem.prestress.words,
     )
 
 
@@ -460,6 +467,8 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         model = replace(model, store=store)
         key = _signature(model, body) if scene.solver.share_identical and not compared else name.encode()
         key += _dashpots_key(scene, name)
+        if problem.prestress is not None and name in problem.prestress.stiffness:
+            key += hashlib.sha256(problem.prestress.stiffness[name].data.tobytes()).digest()
         if loose := [cut for cut in own if cut.loose]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
         # shape of the cut: bodies that are else alike have stiffnesses of their own
@@ -509,7 +518,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         loads.append(LoadTerm("", balance))
     flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
     if isinstance(held, RigidConditions):
-        rigid = rigid_model(body, held, trace, area, loads)
+        rigid = _stressed(problem, rigid_model(body, held, trace, area, loads))
         return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
     modal = body.description.modal_damping
     model = SubstructureModel(
@@ -535,7 +544,16 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         branches=branches_of(body.shape.material),
         modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
-    return model, flat
+    return _stressed(problem, model), flat
+
+
+def _stressed(problem: DiscretisedProblem, model: SubstructureModel) -> SubstructureModel:
+    """The model with the geometric stiffness of its body, which relaxes with no branch."""
+    if problem.prestress is None or model.name not in problem.prestress.stiffness:
+        return model
+    stiffness = problem.prestress.added(model.name, model.stiffness)
+    unrelaxed = problem.prestress.stiffness[model.name] if len(model.branches) else None
+    return replace(model, stiffness=stiffness, unrelaxed=unrelaxed)
 
 
 def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:

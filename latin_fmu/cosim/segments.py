@@ -13,9 +13,9 @@ import numpy as np
 
 from ..assembly.initial_state import InitialState
 from ..assembly.models import KeptOperators
-from ..assembly.problem import SolverReadyProblem
+from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
 from ..assembly.propagator_choice import modes_refused
-from ..building import discretise
+from ..building import discretise, started
 from ..errors import InputError, Problem, SceneError
 from ..fem.mesh import Array
 from ..joined.modal_problem import modal_problem
@@ -33,7 +33,6 @@ from ..propagator.forcing import STRAIN, MotionState
 from ..remarks import remarks_of
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from ..statics.starts import starting_equilibrium
 from .output_table import marched_by_modes
 
 _ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
@@ -115,7 +114,7 @@ class SegmentState:
             )
         with one_thread():
             self._discretised = discretise(scene, kept=KeptOperators() if marched_by_modes(scene) else None)
-            self.problem = self._built(None)  # a static start waits for the loads
+            self.problem = self._built(self._discretised, None)  # a static start waits for the loads
         if tolerance is not None:
             factor = tolerance / self.problem.settings.tolerance
             settings = self.problem.settings
@@ -133,20 +132,20 @@ class SegmentState:
         self._grid, self.dt = self.problem.assembly.time, self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
-    def _built(self, start: InitialState | None) -> SolverReadyProblem:
+    def _built(self, discretised: DiscretisedProblem, start: InitialState | None) -> SolverReadyProblem:
         """The problem from an equilibrium, None: from the initial values of the scene; marched by modes where the scene
-        says so.
+        says so. ``discretised`` : with the stiffness of the stress of the equilibrium where it counts.
 
         Raises
         ------
         SceneError : an assembly that has no modes to be marched by.
         """
         if not marched_by_modes(self.scene):
-            return self._discretised.build(start)
+            return discretised.build(start)
         reasons = modes_refused(self.scene, False)
         try:
             if not reasons:
-                problem = modal_problem(self._discretised, start)
+                problem = modal_problem(discretised, start)
                 remarks = remarks_of("propagator", [_NO_ENERGIES] if self.scene.output.energy else [])
                 return replace(problem, warnings=(*problem.warnings, *remarks))
         except TieError as error:
@@ -191,7 +190,7 @@ class SegmentState:
             return
         before = self.problem
         with one_thread():
-            problem = self._built(starting_equilibrium(self._discretised, start))
+            problem = self._built(*started(self._discretised, start))
         output = replace(before.output, bolts=problem.output.bolts)
         self.problem = replace(problem, settings=before.settings, output=output)
         self._amplitudes, self.run = start, None

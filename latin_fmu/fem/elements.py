@@ -386,7 +386,7 @@ class MeanStress:
     def __call__(self, displacement: Array) -> Array:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
         slopes = [np.swapaxes(mean, 1, 2) @ displacement[cells] for cells, mean in self._means]
-        stress = self._material.stress(_symmetric(np.concatenate(slopes)))
+        stress = self._material.stress(symmetric(np.concatenate(slopes)))
         if self._moduli is None:
             return stress
         return self._moduli[:, None] * stress
@@ -408,7 +408,7 @@ class Recovery:
     def strain(self, displacement: Array) -> Array:
         """Mean strain (n_time, n_cell, 6) of displacements (n_time, n_node, 3), m."""
         parts = [
-            _symmetric(np.swapaxes(_mean_gradients(points), 1, 2) @ displacement[:, points.cells])
+            symmetric(np.swapaxes(_mean_gradients(points), 1, 2) @ displacement[:, points.cells])
             for _, points in self._elements.points()
         ]
         return np.concatenate(parts, axis=1)
@@ -423,8 +423,8 @@ class Recovery:
             points = points_in(self._elements.mesh.nodes, block, rule)
             slopes = np.einsum("cpaj,tcai->tcpij", points.gradients, displacement[:, block.cells], optimize=True)
             if self._bending and block.cell_type in BENDING_CELLS:
-                slopes += self._mode_slopes(points, displacement)
-            stress = self._material.stress(_symmetric(slopes))
+                slopes += mode_slopes(points, self._material, displacement[:, block.cells])
+            stress = self._material.stress(symmetric(slopes))
             if self._elements.moduli is not None:
                 stress *= self._elements.moduli[None, done : done + len(block.cells), None, None]
                 done += len(block.cells)
@@ -448,12 +448,14 @@ class Recovery:
             for first in range(0, len(block.cells), size):
                 yield CellBlock(block.cell_type, block.cells[first : first + size]), rule, to_nodes
 
-    def _mode_slopes(self, points: CellPoints, displacement: Array) -> Array:
-        """Gradients (n_time, n_cell, n_point, 3, 3) of the bending modes."""
-        nodal = displacement[:, points.cells].reshape(len(displacement), len(points.cells), -1)
-        amplitudes = np.einsum("cmd,tcd->tcm", mode_amplitudes(points, self._material)[0], nodal, optimize=True)
-        of_modes = amplitudes.reshape(*amplitudes.shape[:2], 3, 3)
-        return np.asarray(np.einsum("cpmj,tcmi->tcpij", mode_gradients(points.jacobian), of_modes, optimize=True))
+
+def mode_slopes(points: CellPoints, material: Elasticity, nodal: Array) -> Array:
+    """Gradients (n_time, n_cell, n_point, 3, 3) of the bending modes of some hexahedra with displacements ``nodal``
+    (n_time, n_cell, 8, 3), m."""
+    columns = nodal.reshape(len(nodal), len(points.cells), -1)
+    amplitudes = np.einsum("cmd,tcd->tcm", mode_amplitudes(points, material)[0], columns, optimize=True)
+    of_modes = amplitudes.reshape(*amplitudes.shape[:2], 3, 3)
+    return np.asarray(np.einsum("cpmj,tcmi->tcpij", mode_gradients(points.jacobian), of_modes, optimize=True))
 
 
 def _mean_gradients(points: CellPoints) -> Array:
@@ -462,14 +464,19 @@ def _mean_gradients(points: CellPoints) -> Array:
     return np.asarray(np.einsum("cpaj,cp->caj", points.gradients, volumes))
 
 
-def _symmetric(slope: Array) -> Array:
+def symmetric(slope: Array) -> Array:
     """Six components (..., 6) of the symmetric part of gradients (..., 3, 3)."""
     return np.asarray(0.5 * (slope + np.swapaxes(slope, -1, -2))[..., ROWS, COLUMNS])
 
 
+def tensors(six: Array) -> Array:
+    """Symmetric tensors (..., 3, 3) of six components (..., 6)."""
+    full = np.empty((*six.shape[:-1], 3, 3))
+    full[..., ROWS, COLUMNS] = six
+    full[..., COLUMNS, ROWS] = six
+    return full
+
+
 def principal(tensor: Array) -> Array:
     """Principal values (..., 3) of symmetric tensors (..., 6), largest first."""
-    full = np.empty((*tensor.shape[:-1], 3, 3))
-    full[..., ROWS, COLUMNS] = tensor
-    full[..., COLUMNS, ROWS] = tensor
-    return np.asarray(np.linalg.eigvalsh(full)[..., ::-1])
+    return np.asarray(np.linalg.eigvalsh(tensors(tensor))[..., ::-1])

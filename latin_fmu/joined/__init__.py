@@ -4,6 +4,7 @@
 tied_assembly                      motions of the bodies by free dofs and relative motions of the contacts
 static_assembly, bond_forces       its solution without inertia; tractions of the bonds
 joined_assembly                    joints that are linear: open, sticking or bonded; modes
+stress_ratios                      how much stress changes its stiffness, and whether it has buckled
 dynamic_stiffness, modal_damping   stiffness that depends on frequency, damping ratios of modes
 damping_band                       the band in which [damping] holds its ratio
 bond_groups, bonded_run, fields    bonded bodies as one substructure of the march

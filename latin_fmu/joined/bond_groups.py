@@ -20,7 +20,7 @@ Groups follow from the bonds alone, not from names, order or processes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -35,6 +35,7 @@ from ..assembly.models import ModelClass
 from ..interface.laws import bonds
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import SubstructureModel
+from ..propagator.model import unrelaxed_part
 from ..time_scheme import MaxwellBranches
 from .static_assembly import against_ground, joined_loads, ordered
 from .tied_assembly import Joints, TieError, channel_trace, eliminated, joint_rows, jump_rows
@@ -255,6 +256,7 @@ def _group(
     strongest = max((m.branches for m in models), key=_strength)
     shares = {m.name: _strength(m.branches) / _strength(strongest) if len(strongest) else 1.0 for m in models}
     rest = {name: 1.0 - share for name, share in shares.items()}
+    some_rest = any(rest.values()) or any(m.unrelaxed is not None for m in models)
     model = SubstructureModel(
         name="+".join(names),
         mass=_diagonal([m.inertia for m in models]),
@@ -271,7 +273,7 @@ def _group(
         imposed_speed=_speeds(models),
         landing=_damping(models, "landing"),
         branches=strongest,
-        unrelaxed=_scaled(models, rest) if any(rest.values()) else None,
+        unrelaxed=_diagonal(_unrelaxed(models, rest, _of_full)) if some_rest else None,
         store=models[0].store,
     )
     mass, damping, stiffness = (list(part) for part in zip(*(m.reduced for m in models), strict=True))
@@ -283,8 +285,8 @@ def _group(
     none = all(c is None for c in damping)
     model.__dict__["reduced"] = (reduced[0], None if none else reduced[1], reduced[2])
     model.__dict__["reduced_stiffness"] = model.__dict__["stiffness_by_nodes"] = reduced[2]
-    if any(rest.values()):
-        parts = [share * m.reduced_stiffness for m, share in zip(models, rest.values(), strict=True)]
+    if some_rest:
+        parts = _unrelaxed(models, rest, _of_reduced)
         model.__dict__["_unrelaxed"] = _eliminated_product(elimination.q_part, parts)
     ordered(model, models, bodies)
     return BondGroup(models, tuple(bonded), inner, where, trace, model, channels, shares)
@@ -295,11 +297,33 @@ def _strength(branches: MaxwellBranches) -> float:
     return sum(branches.strengths)
 
 
-def _scaled(models: Sequence[SubstructureModel], shares: Mapping[str, float]) -> sp.csr_array:
-    """Stiffnesses of bodies times their shares as blocks of one."""
-    product = _diagonal([sp.csr_array(shares[m.name] * m.stiffness) for m in models])
-    product.eliminate_zeros()
-    return product
+def _of_full(model: SubstructureModel) -> tuple[sp.csr_array, sp.csr_array | None]:
+    """Stiffness of the full dofs of a body, and the part of it without branches."""
+    return model.stiffness, model.unrelaxed
+
+
+def _of_reduced(model: SubstructureModel) -> tuple[sp.csr_array, sp.csr_array | None]:
+    """The same of its reduced dofs."""
+    return model.reduced_stiffness, unrelaxed_part(model)
+
+
+def _unrelaxed(
+    models: Sequence[SubstructureModel],
+    rest: Mapping[str, float],
+    kind: Callable[[SubstructureModel], tuple[sp.csr_array, sp.csr_array | None]],
+) -> list[sp.csr_array]:
+    """Parts of the stiffnesses of bodies on which the branches of their substructure do not act; ``rest`` : the share
+    of those that have weaker branches of their own."""
+    parts = []
+    for model in models:
+        stiffness, unrelaxed = kind(model)
+        part = rest[model.name] * stiffness
+        if unrelaxed is not None:
+            part = part + (1.0 - rest[model.name]) * unrelaxed
+        part = sp.csr_array(part)
+        part.eliminate_zeros()
+        parts.append(part)
+    return parts
 
 
 def _filled(matrix: sp.csr_array | None, n: int) -> sp.csr_array:

@@ -66,9 +66,7 @@ class BondRecovery:
         self._forces = BondForces(group.bonded, layout, group.trace, expansion)
         rows = self._forces.rows
         none = sp.csr_array((rows.shape[0], model.n_full))
-        of_strains = model.stiffness if len(model.branches) else None
-        if model.unrelaxed is not None:
-            of_strains = sp.csr_array(model.stiffness - model.unrelaxed)
+        of_strains = model.relaxing if len(model.branches) else None
         wanted = model.stiffness, model.damping, model.mass, of_strains
         matrices = [none if m is None else sp.csr_array(rows @ m) for m in wanted]
         sides = [layout.channels(i, side).ravel() for i in group.bonded for side in (0, 1)]

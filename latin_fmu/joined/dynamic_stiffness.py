@@ -61,7 +61,7 @@ def strained_bodies(
     groups: dict[MaxwellBranches, sp.csr_array] = {}
     for name, model in models.items():
         if len(model.branches):
-            block = sp.coo_array(model.stiffness)
+            block = sp.coo_array(model.relaxing)
             place = tuple(index + where[name].start for index in block.coords)
             placed = sp.csr_array(sp.coo_array((block.data, place), shape=(n, n)))
             total = groups.get(model.branches)

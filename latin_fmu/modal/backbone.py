@@ -65,6 +65,7 @@ from ..scene.readable_numbers import aligned, readable
 from ..scene.schema import Scene
 from ..scene.settings import StaticStart
 from ..scene.units import SI, UnitSystem
+from ..statics.prestressed import corrected, stressed_problem
 from ..statics.statics import static_problem, static_scene, static_state, tightened
 
 Loop = Literal["half", "full", "masing"]
@@ -134,7 +135,11 @@ def backbone(
         if state is None:
             what = "nothing presses the joints: no bolts, and nothing acts at t = 0"
             raise InputError([Problem("SCENE", what, remedy="tighten bolts, or give a preload or load")], "no backbone")
-        joined = JoinedAssembly.of(without_scheme(scene), "sticking", pressed_of(state))
+        stressed = stressed_problem(without_scheme(scene), state)
+        whole = replace(whole, prestress=stressed.prestress)
+        if whole.prestress is not None:
+            state = corrected(whole, state, {})
+        joined = JoinedAssembly.of(stressed, "sticking", pressed_of(state))
         shape = _Shape.of(joined, mode, whole, sensor)
         _check_rest(scene, whole, shape)
 
@@ -474,7 +479,7 @@ def _loaded(whole: DiscretisedProblem, shape: _Shape, load: Array) -> Discretise
     scene = static_scene(whole.scene, {})
     data = _held(scene.tables())
     data["time"]["instants"] = len(load) - 1
-    problem = static_problem(whole, scene_from_dict(data, scene.base_dir))
+    problem = static_problem(whole, scene_from_dict(data, scene.base_dir), prestress=whole.prestress)
     problem = replace(problem, sensors=shape.places, histories={_LOAD: load})
     terms = {name: LoadTerm(_LOAD, forces) for name, forces in shape.forces.items()}
     classes = [replace(c, members=[with_load(m, terms[m.name]) for m in c.members]) for c in problem.classes]

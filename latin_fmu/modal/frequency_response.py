@@ -41,10 +41,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ..building import without_scheme
+from ..building import clamped, without_scheme
 from ..errors import InputError, Problem, did_you_mean, listed
 from ..joined.dynamic_stiffness import ProjectedStiffness, curve_lines, eigenvalues
-from ..joined.joined_assembly import JoinedAssembly, Joints
+from ..joined.joined_assembly import JoinedAssembly, Joints, pressed_of
 from ..joined.modal_damping import Modes
 from ..latin.assembly import Array
 from ..propagator.model import closest_reduced
@@ -55,7 +55,7 @@ from ..results.quantities import AXES, LABELS, named, rows
 from ..scene.readable_numbers import aligned
 from ..scene.schema import Scene
 from ..scene.units import SI, UnitSystem, unit_text
-from .modes import damped, pressed_points
+from .modes import damped
 
 Kind = Literal["receptance", "mobility", "accelerance"]
 Complex = NDArray[np.complex128]
@@ -125,7 +125,8 @@ def frf(
     problem = without_scheme(scene)
     if ratios is None and not damped(problem):  # before the bolts are tightened, which takes far longer
         raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
-    joined = JoinedAssembly.of(problem, joints, pressed_points(scene) if joints == "sticking" else {})
+    problem, state = clamped(scene, problem, joints)
+    joined = JoinedAssembly.of(problem, joints, {} if state is None else pressed_of(state))
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
     if not len(excitations.modes.omega):
         raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")

@@ -5,7 +5,8 @@
 C holds what joints keep together: all components of perfect interfaces; of contacts, at points that are closed at the
 start, the normal component and, with friction, the tangential ones (sticking); all components at all points (bonded).
 In a scene with bolts, or with a static start, those points are closed that are under pressure when the bolts are tight
-and what acts at t = 0 does. With open joints bolts have no tension, and their shanks are free to slide in the thread
+and what acts at t = 0 does. The stress of that state has its stiffness where it counts (``statics.prestressed``). With
+open joints bolts have no tension, and their shanks are free to slide in the thread
 (``bolts``).
 Springs of layers add to K. Held and prescribed directions do not move.
 
@@ -46,7 +47,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..assembly.problem import DiscretisedProblem
-from ..building import start_state, without_scheme
+from ..building import clamped, without_scheme
 from ..joined.dynamic_stiffness import curve_lines
 from ..joined.joined_assembly import JoinedAssembly, Joints, pressed_of, touching
 from ..joined.modal_damping import ModalDamping, Modes, modal_damping, run_matrices
@@ -94,9 +95,9 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     >>> modes.frequency.size - 3  # rigid motions of the free bars and of their joints
     12
     """
-    state = start_state(scene) if joints == "sticking" else None
+    problem, state = clamped(scene, without_scheme(scene), joints)
     pressed = {} if state is None else pressed_of(state)
-    joined = JoinedAssembly.of(without_scheme(scene), joints, pressed)
+    joined = JoinedAssembly.of(problem, joints, pressed)
     modes = joined.modes(count)
     matrices = run_matrices(scene, joined.discretised, joined.parts.models)
     damping = None if matrices is None else modal_damping(matrices, modes, joined)
@@ -105,7 +106,8 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     if near:
         units = {unit.name: unit for unit in joined.discretised.units}
         every = {name: pressed.get(name, touching(units[name])) | ~np.isnan(gap) for name, gap in near.items()}
-        closed = JoinedAssembly.of(joined.discretised, joints, pressed | every).frequencies(len(modes.omega))
+        all_closed = JoinedAssembly.of(joined.discretised, joints, pressed | every)
+        closed = all_closed.frequencies(len(modes.omega))
     return _named(joined, modes, damping, joints, near, closed)
 
 
@@ -120,15 +122,6 @@ def damped(problem: DiscretisedProblem) -> bool:
     )
 
 
-def pressed_points(scene: Scene) -> dict[str, np.ndarray]:
-    """(n_point,) whether the points of each interface are under pressure when the bolts are tight and what acts at
-    t = 0 does; empty for a scene without bolts and static start."""
-    state = start_state(scene)
-    if state is None:
-        return {}
-    return pressed_of(state)
-
-
 def _named(
     joined: JoinedAssembly,
     modes: Modes,
@@ -140,6 +133,9 @@ def _named(
     """The modes by substructure, the largest nodal displacement of each 1; ``near``, ``closed`` : of
     ``VibrationModes``."""
     parts, scene = joined.parts, joined.discretised.scene
+    remarks = joined.remarks
+    if joined.discretised.prestress is not None:
+        remarks += (f"prestress: {joined.discretised.prestress.words}",)
     full = modes.expansion @ modes.vectors
     omega = modes.omega
     shapes = {}
@@ -168,7 +164,7 @@ def _named(
         mass=parts.total_mass,
         shapes={name: shape / size[:, None, None] for name, shape in shapes.items()},
         meshes=joined.discretised.info,
-        remarks=joined.remarks,
+        remarks=remarks,
         damping=damping,
         curves=tuple(curve_lines(scene.material)),
         units=scene.unit_system,

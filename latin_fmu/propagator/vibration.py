@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
@@ -47,8 +49,20 @@ class Vibration:
             self.shift = _SHIFT * stiffness.trace() / mass.trace()
         else:
             self.shift = shift
-        nothing = np.zeros(0, dtype=np.int64)
-        self._factor = CholeskyFactor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)
+        self._rank = rank
+
+    def shifted_by(self, shift: float) -> Vibration:
+        """The same with another shift, s-2."""
+        return Vibration(self.stiffness, self.mass, self._rank, shift, self._dense)
+
+    @cached_property
+    def shifted(self) -> sp.csr_array:
+        """K + shift M, (n, n)."""
+        return sp.csr_array(self.stiffness + self.shift * self.mass)
+
+    @cached_property
+    def _factor(self) -> CholeskyFactor:
+        return CholeskyFactor(self.shifted, np.zeros(0, dtype=np.int64), self._rank)
 
     @property
     def n(self) -> int:
@@ -60,7 +74,7 @@ class Vibration:
         if self.n <= max(self._dense, 2 * requested):
             values, vectors = self._every()
         else:
-            inverse = spla.LinearOperator((self.n, self.n), matvec=self._inverse, dtype=np.float64)
+            inverse = spla.LinearOperator((self.n, self.n), matvec=self.solve, dtype=np.float64)
             start = np.cos(np.arange(self.n))  # the same modes every time
             values, vectors = spla.eigsh(
                 self.stiffness, requested, self.mass, sigma=-self.shift, v0=start, OPinv=inverse
@@ -96,7 +110,8 @@ class Vibration:
                 return None
             requested *= 2
 
-    def _inverse(self, b: Array) -> Array:
+    def solve(self, b: Array) -> Array:
+        """(K + shift M)^-1 b for b (n,)."""
         solved: Array = self._factor.solve(b.reshape(self.n, 1))[:, 0]
         return solved
 

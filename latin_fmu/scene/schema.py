@@ -26,7 +26,7 @@ from .overrides import apply_overrides, no_number, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
-from .settings import Accuracy, Fmu, Output, Solver, Time, settings_problems, with_defaults
+from .settings import Accuracy, Effects, Fmu, Output, Solver, Time, settings_problems, with_defaults
 from .spread import Distribution, SpreadTable, flat, spread_problems
 from .substructures import (
     Gravity,
@@ -279,6 +279,7 @@ class Scene(SceneTable):
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("contents of the results")] = Output()
     accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
+    effects: Annotated[Effects, about("effects of second order")] = Effects()
     fmu: Annotated[Fmu, about("author, version, copyright and licence of an FMU of the scene")] = Fmu()
     spread: Annotated[
         SpreadTable,

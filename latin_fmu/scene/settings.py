@@ -288,6 +288,19 @@ class Accuracy(SceneTable):
     ] = None
 
 
+class Effects(SceneTable):
+    """Effects of second order that a run has where they count."""
+
+    prestress: Annotated[
+        Literal["automatic", "on", "off"],
+        about(
+            "geometric stiffness of the stress at t = 0 (static start, bolts, heat), by which pulled parts are stiffer, "
+            "pressed ones softer, and slender ones buckle; automatic: if it changes a natural frequency of the clamped "
+            "assembly by more than 1 %"
+        ),
+    ] = "automatic"
+
+
 class AutomaticPropagator(SceneTable):
     """The one that suits the scene: explicit for central differences, modal where it costs far less and its error is
     below `reduction_error`, else direct."""

@@ -99,16 +99,28 @@ def equilibrium(
     found = _solved(lambda: discretised.build(start, operators), settings)
     if found.run.status()[0] or bodies:
         return found
-    from .static_run import static_assembly, static_march
-
     try:
-        assembly = static_assembly(discretised)
-        whole = _solved(lambda: static_march(discretised, start, assembly, operators), settings)
+        whole = equilibrium_at_once(discretised, start, settings, operators)
     except (TieError, SolverError):
         return found
     if whole.run.status()[0]:
         return whole
     return found
+
+
+def equilibrium_at_once(
+    discretised: DiscretisedProblem, start: InitialState | None, settings: SolverSettings, operators: Kept
+) -> Equilibrium:
+    """The same over the whole assembly.
+
+    Raises
+    ------
+    TieError : bonds that cannot be eliminated. SolverError : an assembly that nothing holds, or that has buckled.
+    """
+    from .static_run import static_assembly, static_march
+
+    assembly = static_assembly(discretised)
+    return _solved(lambda: static_march(discretised, start, assembly, operators), settings)
 
 
 def _solved(make: Callable[[], StaticMarch | SolverReadyProblem], limits: SolverSettings) -> Equilibrium:

@@ -19,7 +19,6 @@ from ..errors import Problems
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
 from ..scene.schema import Scene
-from .displaced_starts import displaced_start
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .places_at_rest import least_displaced
 from .statics import (
@@ -61,18 +60,12 @@ def checked_equilibrium(
     return conditions
 
 
-def starting_equilibrium(
-    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
-) -> InitialState | None:
-    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``building.build``). What
-    was solved for it is added to ``stages``. It is read from the folder of operators where it is stored there."""
-    return displaced_start(discretised, undisplaced_equilibrium(discretised, amplitudes, stages))
-
-
 def undisplaced_equilibrium(
     discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
 ) -> InitialState | None:
-    """``starting_equilibrium`` without the initial displacements that are added to it."""
+    """The equilibrium that a scene starts from, its bolts tight, without the initial displacements that are added to
+    it and the stiffness of its stress; None where it has none (see ``building.started``). What was solved for it is
+    added to ``stages``. It is read from the folder of operators where it is stored there."""
     if discretised.scene.time.start.type != "static":
         return None
     store, known = store_of(discretised.scene), discretised.kept
@@ -102,7 +95,7 @@ def solved_equilibrium(
     stages: list[Stage] | None = None,
     kept: Kept | None = None,
 ) -> InitialState | None:
-    """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
+    """As ``undisplaced_equilibrium``, solved. kept : operators of static problems, used again and added to."""
     operators: Kept = {}
     if kept is not None:
         operators = kept

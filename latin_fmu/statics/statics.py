@@ -29,6 +29,7 @@ from ..assembly.conditions import Conditions, conditions_on
 from ..assembly.initial_state import InitialState, TightBolts
 from ..assembly.models import Kept
 from ..assembly.press_fits import interference, loose_remarks, sliding_ones, strain_remark
+from ..assembly.prestress import Prestress
 from ..assembly.problem import DiscretisedProblem, SolverReadyProblem, settings_of, static_traction
 from ..errors import Problem, Problems, SceneError
 from ..fem.mesh import Array
@@ -220,6 +221,7 @@ def static_state(
             raise SceneError(overlaps, "the scene cannot be built")
         if not overlaps:
             discretised, (found, state) = other, solved
+            state = replace(state, left_out=tuple(loose))
     if stages is not None:
         if tight is None:
             end = state
@@ -297,10 +299,14 @@ def _no_start(why: str) -> SceneError:
 
 
 def static_problem(
-    whole: DiscretisedProblem, scene: Scene, free: Collection[str] = (), without: Collection[str] = ()
+    whole: DiscretisedProblem,
+    scene: Scene,
+    free: Collection[str] = (),
+    without: Collection[str] = (),
+    prestress: Prestress | None = None,
 ) -> DiscretisedProblem:
     """The static problem on the meshes and interfaces that are there; ``free`` : bolts whose tension is given,
-    ``without`` : interfaces left out, of bodies that fall."""
+    ``without`` : interfaces left out, of bodies that fall. ``prestress`` : geometric stiffness of its bodies."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     problems = Problems()
     conditions = {n: conditions_on(b, scene.boundaries_of(n), problems, scene.ports_of(n)) for n, b in bodies.items()}
@@ -317,7 +323,8 @@ def static_problem(
     operators = None
     if whole.kept is not None and whole.kept.compared:
         operators = whole.kept
-    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, operators).with_classes(moved)
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, operators)
+    problem = replace(problem, prestress=prestress).with_classes(moved)
     return at_rest(relieved(problem, falling, moved))
 
 

@@ -16,9 +16,8 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.merged_assembly import is_selection
 from latin_fmu.assembly.problem import DiscretisedProblem
-from latin_fmu.building import build, discretise, without_scheme
-from latin_fmu.joined.joined_assembly import JoinedAssembly
-from latin_fmu.modal.modes import pressed_points
+from latin_fmu.building import build, discretise, start_state, without_scheme
+from latin_fmu.joined.joined_assembly import JoinedAssembly, pressed_of
 from latin_fmu.propagator.base import full_displacement
 from tests.alone import alone_of, started_alone
 from tests.scenes import clamp
@@ -165,7 +164,9 @@ def test_clamped_modes_are_those_of_calculix(modules: dict[str, ModuleType], tmp
         pytest.skip(modules["calculix"].MISSING)
     scene = latin_fmu.scene_from_dict(clamp())
     ready, count = discretise(scene), 8
-    closed = pressed_points(scene)
+    state = start_state(scene)
+    assert state is not None
+    closed = pressed_of(state)
     deck = modules["calculix"].Deck(ready, modules["calculix"].Choices())
     for unit in ready.units:
         shared = np.ones(unit.geometry.n_point, dtype=bool) if unit.name in ("top", "thread") else closed[unit.name]

@@ -321,7 +321,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
     ):
         assert main([*words, *options]) == 2
         assert message in capsys.readouterr().err
-    monkeypatch.setattr(frequency_response, "pressed_points", lambda _: pytest.fail("refused after the tightening"))
+    monkeypatch.setattr(frequency_response, "clamped", lambda *_: pytest.fail("refused after the tightening"))
     assert main(words) == 2
     monkeypatch.undo()
     data = lap()

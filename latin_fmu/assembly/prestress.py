@@ -1,0 +1,72 @@
+"""Geometric stiffness of the bodies of an assembly in the state that its motion starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fem.elements import Elements
+from ..fem.geometric_stiffness import geometric_stiffness
+from ..latin.assembly import Array
+from ..propagator.model import OperatorPattern
+from .body import Body
+from .bolts import OpenedMesh
+
+
+@dataclass(frozen=True)
+class Prestress:
+    """What the stress of a state adds to the stiffness of bodies.
+
+    Attributes
+    ----------
+    stiffness : K_sigma (n_full, n_full), N m-1, by body; bodies without stress have none. words : what it changes.
+    load_factor : on all that acts, at which the assembly buckles.
+    """
+
+    stiffness: Mapping[str, sp.csr_array]
+    words: str
+    load_factor: float
+
+    def added(self, name: str, stiffness: sp.csr_array) -> sp.csr_array:
+        """K + K_sigma of a body, with the zeros of both: the pattern of a body does not depend on its stress."""
+        matrix = self.stiffness.get(name)
+        if matrix is None:
+            return stiffness
+        return OperatorPattern([stiffness, matrix]).sum([1.0, 1.0], [stiffness, matrix])
+
+
+def body_stiffness(body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh | None) -> sp.csr_array:
+    """K_sigma (3 n_node, 3 n_node), N m-1, of an elastic body.
+
+    Parameters
+    ----------
+    displacement : (3 n_node,), m. unstrained : (n_cell or 1, 6), Pa, as for ``geometric_stiffness``.
+    opened : its mesh with the cuts of its bolts open; None where it has none.
+    """
+    shape, nodal = body.shape, displacement.reshape(-1, 3)
+    if opened is None:
+        return geometric_stiffness(shape.elements, shape.elasticity, nodal, unstrained, shape.bending_modes)
+    elements, apart = Elements(opened.mesh, shape.moduli), opened.displacement(nodal)
+    matrix = geometric_stiffness(elements, shape.elasticity, apart, unstrained, shape.bending_modes)
+    together = sp.csr_array(sp.kron(opened.merging, sp.eye_array(3)))
+    merged = sp.csr_array(together.T @ matrix @ together)
+    merged.sort_indices()
+    return merged
+
+
+def rigid_stiffness(points: Array, forces: Array, nodal: Array) -> sp.csr_array:
+    """K_sigma (n_full, n_full), N m-1, of a rigid body with forces (n_point, 3), N, at points (n_point, 3), m, of
+    places relative to its mass centre, through which its weight acts.
+
+    Its stress has the integral sum sym(f x^T), whatever its distribution, and a small rotation theta the energy
+    1/2 (theta^2 tr - theta . sum . theta), that of forces which do not turn with the body.
+
+    nodal : (3, n_full) rotation of the body, rad, per full dof.
+    """
+    moment = np.einsum("pi,pj->ij", forces, points)
+    moment = 0.5 * (moment + moment.T)
+    turning = np.trace(moment) * np.eye(3) - moment
+    return sp.csr_array(nodal.T @ turning @ nodal)

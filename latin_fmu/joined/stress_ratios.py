@@ -1,0 +1,109 @@
+"""How much the stress of a state changes the stiffness of an assembly, and whether the state has buckled.
+
+    K_sigma x = mu K x
+
+on the motions that clamped joints leave. With all that acts times a factor l the stiffness is K + l K_sigma, singular
+at the load factor of buckling, l = -1/mu of the lowest mu. The square of every natural frequency changes by a factor
+between 1 + min mu and 1 + max mu, as x^T (K + K_sigma) x does for every motion x. Bodies that float have a small shift
+of K by their mass.
+
+Both ends of the spectrum are found by Lanczos' method (Golub and Van Loan, Matrix Computations, chapter 10) in the
+inner product of K: one solution with the factor of K a step, some six of them where stress hardly counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from ..latin.assembly import Array
+from ..propagator.vibration import Vibration
+from .joined_assembly import JoinedAssembly
+
+_FIRST: Final = 6  # steps between two looks at the ends
+_MOST: Final = 120
+_EXACT: Final = 1e-4  # of the larger end: residual of both
+_SLOWER: Final = 1e-2
+"""Frequency of the shift that lets floating bodies have a factor, over that of the search for modes: bending modes of
+slender parts are far below this."""
+_NOTHING: Final = 1e-10  # of the same: a space that holds all that K_sigma does
+
+
+@dataclass(frozen=True)
+class StressRatios:
+    """Ends of the spectrum of K_sigma against K.
+
+    Attributes
+    ----------
+    lowest, highest : mu. moves_most : body that moves most in the mode of the lowest.
+    """
+
+    lowest: float
+    highest: float
+    moves_most: str
+
+    @property
+    def load_factor(self) -> float:
+        """Factor on all that acts at which the assembly buckles; infinite where none does."""
+        if self.lowest >= 0.0:
+            return np.inf
+        return -1.0 / self.lowest
+
+    @property
+    def largest(self) -> float:
+        """Larger of both in size."""
+        return max(abs(self.lowest), abs(self.highest))
+
+
+def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array], negligible: float) -> StressRatios:
+    """Ends of the spectrum of an assembly without prestress.
+
+    Parameters
+    ----------
+    stiffness : K_sigma (n_full, n_full) by body, N m-1. negligible : size of mu below a half of which the ends need not
+    be exact.
+    """
+    parts, expansion = joined.parts, joined.expansion
+    blocks = [stiffness.get(name, sp.csr_array((m.n_full, m.n_full))) for name, m in parts.models.items()]
+    stressed = sp.csr_array(expansion.T @ sp.csr_array(sp.block_diag(blocks, format="csr")) @ expansion)
+    vibration = joined.vibration.shifted_by(_SLOWER**2 * joined.vibration.shift)
+    lowest, highest, shape = _ends(vibration, stressed, negligible)
+    moved = expansion @ shape
+    sizes: dict[str, float] = {
+        name: float(np.abs(moved[where]).max(initial=0.0)) for name, where in parts.where.items()
+    }
+    return StressRatios(lowest, highest, str(max(sizes, key=lambda name: sizes[name])))
+
+
+def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float) -> tuple[float, float, Array]:
+    """Lowest and highest mu, and the mode (n,) of the lowest, of K_sigma ``stressed`` (n, n)."""
+    elastic, n = vibration.shifted, vibration.n
+    most = min(_MOST, n)
+    space, pulled, gram = np.empty((n, most)), np.empty((n, most)), np.zeros((most, most))
+    # what random forces do: hardly any short waves, which stress does not change
+    rest, size, done = vibration.solve(np.random.default_rng(0).normal(size=n)), 0, False
+    while not done:
+        image = elastic @ rest
+        norm = float(np.sqrt(rest @ image))
+        space[:, size], pulled[:, size] = rest / norm, image / norm
+        force = stressed @ space[:, size]
+        size += 1
+        gram[size - 1, :size] = gram[:size, size - 1] = space[:, :size].T @ force
+        rest = vibration.solve(force)
+        # twice: once leaves round-off
+        for _ in range(2):
+            rest = rest - space[:, :size] @ (pulled[:, :size].T @ rest)
+        left = float(np.sqrt(max(rest @ (elastic @ rest), 0.0)))
+        done = size == most or left <= _NOTHING * float(np.abs(gram[:size, :size]).max())
+        if size % _FIRST == 0 and not done:
+            values, turns = la.eigh(gram[:size, :size])
+            largest = float(np.abs(values).max())
+            residual = left * float(np.abs(turns[-1, [0, -1]]).max())
+            done = largest < 0.5 * negligible or residual <= _EXACT * largest
+    values, turns = la.eigh(gram[:size, :size])
+    return float(values[0]), float(values[-1]), space[:, :size] @ turns[:, 0]

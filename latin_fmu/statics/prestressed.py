@@ -1,0 +1,268 @@
+"""Starts whose stress has a stiffness: geometric stiffness of the equilibrium of t = 0, and the motion about it.
+
+The static start u_0 is found with the elastic stiffness K, bolts and loads in their order (``statics``). Its stress
+gives every body the geometric stiffness K_sigma (``fem.geometric_stiffness``), which is kept: the motion has
+
+    M a + C v + (K + K_sigma) u = f
+
+Its start is the equilibrium of the same stiffness under what acts at t = 0, one increment more from u_0, friction
+included: the first correction of the equilibrium by its tangent, as in the deflection of a beam-column. A body alone
+may have a negative stiffness while the assembly is stable, so that this increment is solved over the whole assembly
+(``static_run``).
+
+Where stress counts is measured (``joined.stress_ratios``): K_sigma is left out where no natural frequency of the
+clamped assembly changes by more than ``NEGLIGIBLE``. An assembly that would buckle at less than all that acts is
+refused.
+
+K_sigma is that of t = 0: loads, bolts and contacts that change it much during the motion do not change it here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..assembly.body import Body, body_sides
+from ..assembly.conditions import RigidConditions
+from ..assembly.initial_state import InitialState
+from ..assembly.models import Kept, load_terms
+from ..assembly.prestress import Prestress, body_stiffness, rigid_stiffness
+from ..assembly.problem import DiscretisedProblem, settings_of
+from ..errors import SceneError, SolverError
+from ..fem.mesh import Array
+from ..joined.joined_assembly import JoinedAssembly, pressed_of
+from ..joined.stress_ratios import StressRatios, stress_ratios
+from ..joined.tied_assembly import TieError
+from .equilibrium import equilibrium_at_once
+from .places_at_rest import least_displaced
+from .statics import static_problem, static_scene, static_size
+
+NEGLIGIBLE: Final = 0.01
+"""Change of a natural frequency below which stress is left out."""
+_NEAR: Final = 2.0  # load factor of buckling below which a linear equilibrium is doubtful
+_STOUT: Final = 6.0
+"""Strain times square of slenderness over mu: columns that are clamped at one end have less."""
+
+
+def with_prestress(
+    problem: DiscretisedProblem, state: InitialState | None, amplitudes: Mapping[str, float], restricted: bool = False
+) -> tuple[DiscretisedProblem, InitialState | None]:
+    """The problem with the geometric stiffness of an equilibrium, and that equilibrium with it; both as they are where
+    stress does not count, or the scene leaves it out.
+
+    Parameters
+    ----------
+    state : of ``starts.undisplaced_equilibrium``. amplitudes : at t = 0, of loads that are set from outside.
+    restricted : whether derivatives are taken, which do not know of it.
+
+    Raises
+    ------
+    SceneError : the state has buckled; derivatives of a scene in which stress counts.
+    """
+    stressed = stressed_problem(problem, state, restricted)
+    if state is None or stressed.prestress is None:
+        return problem, state
+    return stressed, corrected(stressed, state, amplitudes)
+
+
+def stressed_problem(
+    problem: DiscretisedProblem, state: InitialState | None, restricted: bool = False
+) -> DiscretisedProblem:
+    """``with_prestress`` without the correction of the equilibrium: for modes about it."""
+    scene = problem.scene
+    choice = scene.effects.prestress
+    if state is None or choice == "off" or scene.time.quasi_static:
+        return problem
+    if choice == "automatic" and _stout(problem, state):
+        return problem
+    stiffness = dict(_stiffnesses(problem, state))
+    if not stiffness:
+        return problem
+    joined = JoinedAssembly.of(problem, "sticking", pressed_of(state))
+    # squares of frequencies
+    ratios = stress_ratios(joined, stiffness, 2.0 * NEGLIGIBLE)
+    _refuse_buckled(ratios)
+    if choice == "automatic" and ratios.largest < 2.0 * NEGLIGIBLE:
+        return problem
+    if restricted:
+        raise SceneError.of(
+            "derivatives cannot be taken",
+            "effects.prestress",
+            "derivatives do not know the geometric stiffness of the state at t = 0, which changes natural frequencies "
+            f"by up to {_change(ratios)}",
+            choice,
+            "off",
+            'set effects.prestress = "off" to take the derivatives of the scene without it',
+        )
+    prestress = Prestress(stiffness, _words(ratios), ratios.load_factor)
+    return replace(problem, prestress=prestress).with_classes()
+
+
+def corrected(problem: DiscretisedProblem, state: InitialState, amplitudes: Mapping[str, float]) -> InitialState:
+    """The equilibrium with the geometric stiffness of a problem, from that without it.
+
+    Raises
+    ------
+    SceneError : none is found.
+    """
+    assert problem.prestress is not None
+    scene = static_scene(problem.scene, amplitudes)
+    # all of it acts already: one increment
+    scene = scene.model_copy(update={"time": scene.time.model_copy(update={"instants": 1})})
+    static = static_problem(problem, scene, (), state.left_out, problem.prestress)
+    operators: Kept = {}
+    try:
+        found = equilibrium_at_once(static, state, settings_of(problem.scene), operators)
+    except (TieError, SolverError) as error:
+        raise _lost(str(error)) from error
+    converged, sentence = found.run.status()
+    if not converged:
+        raise _lost(sentence)
+    after = found.state(amplitudes)
+    change = _distance(after, state)
+    remarks = [*state.remarks, *after.remarks]
+    factor = problem.prestress.load_factor
+    if factor < _NEAR:
+        remarks.append(
+            f"the state at t = 0 is near buckling, at {factor:.3g} of what acts: displacements and stresses of a "
+            "linear start are doubtful there; reduce the loads or the temperature, or hold the slender parts"
+        )
+    words = f"{state.message}; with the stiffness of its stress it moves by {100 * change:.2g} %"
+    present = {unit.name for unit in static.units}
+    others = {name: traction for name, traction in state.traction.items() if name not in present}
+    after = replace(
+        after,
+        traction={**after.traction, **others},
+        bolts=state.bolts,
+        message=words,
+        remarks=tuple(dict.fromkeys(remarks)),
+        left_out=state.left_out,
+    )
+    return least_displaced(problem, after, static_size(problem, amplitudes))
+
+
+def _distance(first: InitialState, second: InitialState) -> float:
+    """Largest difference of the displacements of two states, over the largest displacement."""
+    apart, largest = 0.0, float(np.finfo(float).tiny)
+    for name, moved in second.displacement.items():
+        apart = max(apart, float(np.abs(first.displacement[name] - moved).max(initial=0.0)))
+        largest = max(largest, float(np.abs(moved).max(initial=0.0)))
+    return apart / largest
+
+
+def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> Iterator[tuple[str, sp.csr_array]]:
+    """K_sigma of every body that the state stresses, by name."""
+    for name, body in problem.bodies.items():
+        if name not in state.displacement:
+            continue
+        if body.rigid:
+            matrix = _of_rigid(problem, state, body)
+        else:
+            opened = problem.opened(name, state.bolts.shortening)
+            matrix = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
+        if matrix is not None and matrix.count_nonzero():
+            yield name, matrix
+
+
+def _unstrained(problem: DiscretisedProblem, body: Body) -> Array:
+    """Stress (n_cell or 1, 6), Pa, of a body at t = 0 that its displacements do not make."""
+    find = problem.unstrained(body)
+    if find is None:
+        return np.zeros((1, 6))
+    return np.asarray(find(np.zeros(1))[0])
+
+
+def _of_rigid(problem: DiscretisedProblem, state: InitialState, body: Body) -> sp.csr_array | None:
+    """K_sigma of a rigid body that nothing holds but interfaces; None of one with supports, whose forces have no known
+    places."""
+    held = problem.conditions[body.name]
+    if not isinstance(held, RigidConditions) or held.expansion.shape[1] < 6:
+        return None
+    centre, length = held.body.centre, held.body.length
+    points, forces = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for i, side, name in body_sides(problem.units):
+        unit = problem.units[i]
+        traction = state.traction.get(unit.name)
+        if name != body.name or traction is None:
+            continue
+        sign = 1.0 - 2.0 * side
+        local = np.zeros((len(traction), 3))
+        local[:, : traction.shape[1]] = sign * traction * unit.geometry.areas[:, None]
+        points.append(unit.geometry.points - centre)
+        forces.append(np.einsum("pc,pcj->pj", local, unit.geometry.frames))
+    laws = problem.scene.force_laws
+    for load in load_terms(problem.scene, body.name, body, None, straining=False):
+        # weight acts through the centre
+        if load.name in problem.scene.loads:
+            amplitude = float(laws[load.name].sample(np.zeros(1))[0])
+            points.append(body.mesh.nodes - centre)
+            forces.append(amplitude * load.pattern.reshape(-1, 3))
+    turns = held.basis[3:] / length
+    return rigid_stiffness(np.concatenate(points), np.concatenate(forces), turns)
+
+
+def _stout(problem: DiscretisedProblem, state: InitialState) -> bool:
+    """Whether stress cannot count, as for all bodies strain x (length of the assembly / thickness)^2 is too small."""
+    nodes = np.concatenate([body.mesh.nodes for body in problem.bodies.values()])
+    size = float(np.linalg.norm(np.ptp(nodes, axis=0)))
+    for name, body in problem.bodies.items():
+        if name not in state.displacement:
+            continue
+        # a rigid body turns on what it touches
+        if body.rigid:
+            return False
+        opened = problem.opened(name, state.bolts.shortening)
+        nodal = state.displacement[name].reshape(-1, 3)
+        recovery = body.shape.recovery if opened is None else opened.recovery(body.shape)
+        stress = recovery.nodal_stress(nodal[None])[0]
+        largest = float(np.abs(stress).max() + np.abs(_unstrained(problem, body)).max())
+        thickness = 2.0 * float(body.shape.elements.volume.sum()) / float(body.face("*").areas.sum())
+        strain = largest / body.shape.elasticity.young_moduli[0]
+        if _STOUT * strain * (size / thickness) ** 2 > 2.0 * NEGLIGIBLE:
+            return False
+    return True
+
+
+def _refuse_buckled(ratios: StressRatios) -> None:
+    """Raises SceneError where the assembly buckles at less than what acts."""
+    factor = ratios.load_factor
+    if factor <= 1.0:
+        raise SceneError.of(
+            "the scene cannot be built",
+            "time.start",
+            f"the state at t = 0 does not exist: substructure {ratios.moves_most} buckles before all that acts at "
+            "t = 0 does, bolts and changes of temperature among it",
+            f"load factor of buckling {factor:.3g}",
+            "a load factor above 1",
+            "reduce the loads, preloads or temperatures, hold the slender parts, or see what is left without this "
+            'effect with effects.prestress = "off"',
+        )
+
+
+def _change(ratios: StressRatios) -> str:
+    """Largest change of the frequencies, in words."""
+    ends = [np.sqrt(max(1.0 + mu, 0.0)) - 1.0 for mu in (ratios.lowest, ratios.highest)]
+    largest = max(ends, key=abs)
+    return f"{100 * largest:+.3g} %"
+
+
+def _words(ratios: StressRatios) -> str:
+    """What the stress of t = 0 does."""
+    factor = ratios.load_factor
+    buckles = "" if factor > 100.0 else f", buckling at {factor:.3g} times what acts"
+    return f"the stress of t = 0 changes natural frequencies by up to {_change(ratios)}{buckles}"
+
+
+def _lost(why: str) -> SceneError:
+    return SceneError.of(
+        "the scene cannot be built",
+        "time.start",
+        f"the equilibrium of t = 0 is lost with the stiffness of its stress: {why}",
+        "static",
+        "a start that is stable",
+        'hold the parts that rock or buckle, or set effects.prestress = "off"',
+    )
