@@ -260,13 +260,12 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
 
             prediction.discretised = discretised = by_choice(discretised)
         try:
-            at_once = False
-            if scene.time.quasi_static:
+            at_once = scene.time.quasi_static
+            if at_once:
                 from .statics.static_fields import solved_at_once
 
                 at_once = solved_at_once(scene, discretised, looks_at_bodies)
-            stages = None if tangent is None else tangent.stages
-            discretised, start = started(discretised, {}, stages)
+            discretised, start = started(discretised, {}, None if tangent is None else tangent.stages)
             prediction.discretised = discretised
             grouped, why = None, ""
             bonded = any(bonds(unit.behaviour) for unit in discretised.units)

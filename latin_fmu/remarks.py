@@ -29,6 +29,7 @@ REMARKS: Final = MappingProxyType(
         "never_touched": "faces that may touch and never do",
         "overlap": "an overlap that has been closed, or that is a press fit or a bond",
         "points": "sides that nothing but their order tells apart, one of which gives the points",
+        "prestress": "a state whose stress changes natural frequencies, or is near buckling",
         "propagator": "an assembly that is not marched as the scene asks",
         "redundant": "interfaces that join the same faces",
         "resolution": "steps or elements that do not resolve a wave",

@@ -55,6 +55,8 @@ class KeptOperators:
         the scene is compared with that one, and never built: no classes are looked for, nothing is reduced.
     error_of_modes : ``TruncationError`` of the first run that the program has marched by the modes of its assembly,
         which is that of the runs that follow, too. modes_refused : why these are marched by their bodies.
+    stress_modes : motions (n_full, 2) of the bodies whose stiffness the stress of t = 0 changed most and least in the
+        first run, of unit elastic stiffness; None where that was not looked at.
     resultants_alone : whether a study reads the resultants of bonds alone, no tractions of their points.
     """
 
@@ -65,6 +67,7 @@ class KeptOperators:
     compared: bool = False
     error_of_modes: Any = None
     modes_refused: str = ""
+    stress_modes: Array | None = None
     resultants_alone: bool = False
     _parts: dict[str, tuple[tuple[Any, ...], Any]] = field(default_factory=dict)
 

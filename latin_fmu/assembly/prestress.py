@@ -23,12 +23,10 @@ class Prestress:
     Attributes
     ----------
     stiffness : K_sigma (n_full, n_full), N m-1, by body; bodies without stress have none. words : what it changes.
-    load_factor : on all that acts, at which the assembly buckles.
     """
 
     stiffness: Mapping[str, sp.csr_array]
     words: str
-    load_factor: float
 
     def added(self, name: str, stiffness: sp.csr_array) -> sp.csr_array:
         """K + K_sigma of a body, with the zeros of both: the pattern of a body does not depend on its stress."""

@@ -29,7 +29,7 @@ from ..latin.probes import SERIES, FacePlace, OutputRequest, Probes, Reading
 from ..latin.recorder import Recorder, SubstructureInfo, node_fields, places_in, small
 from ..propagator.forcing import STRAIN
 from ..propagator.image import Image
-from ..propagator.model import closest_reduced
+from ..propagator.model import closest_reduced, relaxing_part
 from .bond_forces import BondForces
 from .bond_groups import BondGroup, GroupedAssembly
 
@@ -66,7 +66,7 @@ class BondRecovery:
         self._forces = BondForces(group.bonded, layout, group.trace, expansion)
         rows = self._forces.rows
         none = sp.csr_array((rows.shape[0], model.n_full))
-        of_strains = model.relaxing if len(model.branches) else None
+        of_strains = relaxing_part(model) if len(model.branches) else None
         wanted = model.stiffness, model.damping, model.mass, of_strains
         matrices = [none if m is None else sp.csr_array(rows @ m) for m in wanted]
         sides = [layout.channels(i, side).ravel() for i in group.bonded for side in (0, 1)]

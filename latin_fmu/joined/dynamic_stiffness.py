@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..latin.assembly import Array
 from ..propagator import SubstructureModel
+from ..propagator.model import relaxing_part
 from ..scene.materials import MaterialTable
 from ..time_scheme import MaxwellBranches
 
@@ -61,7 +62,7 @@ def strained_bodies(
     groups: dict[MaxwellBranches, sp.csr_array] = {}
     for name, model in models.items():
         if len(model.branches):
-            block = sp.coo_array(model.relaxing)
+            block = sp.coo_array(relaxing_part(model))
             place = tuple(index + where[name].start for index in block.coords)
             placed = sp.csr_array(sp.coo_array((block.data, place), shape=(n, n)))
             total = groups.get(model.branches)

@@ -4,8 +4,9 @@
 
 on the motions that clamped joints leave. With all that acts times a factor l the stiffness is K + l K_sigma, singular
 at the load factor of buckling, l = -1/mu of the lowest mu. The square of every natural frequency changes by a factor
-between 1 + min mu and 1 + max mu, as x^T (K + K_sigma) x does for every motion x. Bodies that float have a small shift
-of K by their mass.
+between 1 + min mu and 1 + max mu, as x^T (K + K_sigma) x does for every motion x. A small shift
+of K by the mass lets floating assemblies have a factor; motions that it alone holds strain nothing, and are left out:
+dead loads turn them, with or without stress.
 
 Both ends of the spectrum are found by Lanczos' method (Golub and Van Loan, Matrix Computations, chapter 10) in the
 inner product of K: one solution with the factor of K a step, some six of them where stress hardly counts.
@@ -13,7 +14,7 @@ inner product of K: one solution with the factor of K a step, some six of them w
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,6 +23,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..latin.assembly import Array
+from ..propagator import SubstructureModel
 from ..propagator.vibration import Vibration
 from .joined_assembly import JoinedAssembly
 
@@ -31,6 +33,8 @@ _EXACT: Final = 1e-4  # of the larger end: residual of both
 _SLOWER: Final = 1e-2
 """Frequency of the shift that lets floating bodies have a factor, over that of the search for modes: bending modes of
 slender parts are far below this."""
+_MOST_RIGID: Final = 30
+_STRAINED: Final = 0.5  # share of the shifted stiffness of a motion that is elastic; below, it is a rigid one
 _NOTHING: Final = 1e-10  # of the same: a space that holds all that K_sigma does
 
 
@@ -40,11 +44,13 @@ class StressRatios:
 
     Attributes
     ----------
-    lowest, highest : mu. moves_most : body that moves most in the mode of the lowest.
+    lowest, highest : mu. shapes : (n_full, 2) their modes, full dofs, of unit stiffness. moves_most : body that moves
+    most in the mode of the lowest.
     """
 
     lowest: float
     highest: float
+    shapes: Array
     moves_most: str
 
     @property
@@ -65,28 +71,50 @@ def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array],
 
     Parameters
     ----------
-    stiffness : K_sigma (n_full, n_full) by body, N m-1. negligible : size of mu below a half of which the ends need not
-    be exact.
+    stiffness : K_sigma (n_full, n_full) by body, N m-1. negligible : size of mu below which the ends need not be
+    exact.
     """
     parts, expansion = joined.parts, joined.expansion
-    blocks = [stiffness.get(name, sp.csr_array((m.n_full, m.n_full))) for name, m in parts.models.items()]
-    stressed = sp.csr_array(expansion.T @ sp.csr_array(sp.block_diag(blocks, format="csr")) @ expansion)
+    stressed = sp.csr_array(expansion.T @ _side_by_side(stiffness, parts.models) @ expansion)
     vibration = joined.vibration.shifted_by(_SLOWER**2 * joined.vibration.shift)
-    lowest, highest, shape = _ends(vibration, stressed, negligible)
-    moved = expansion @ shape
-    sizes: dict[str, float] = {
-        name: float(np.abs(moved[where]).max(initial=0.0)) for name, where in parts.where.items()
-    }
-    return StressRatios(lowest, highest, str(max(sizes, key=lambda name: sizes[name])))
+    if not vibration.n:
+        return StressRatios(0.0, 0.0, np.zeros((parts.n, 2)), next(iter(parts.where)))
+    rigid = np.zeros((vibration.n, 0))
+    for _ in range(_MOST_RIGID):
+        lowest, highest, shapes = _ends(vibration, stressed, negligible, rigid)
+        # of unit K + shift M: what the shift alone holds is no strain
+        strained = np.einsum("ij,ij->j", shapes, vibration.stiffness @ shapes)
+        moves = np.array([abs(lowest), abs(highest)]) >= negligible
+        if (strained[moves] > _STRAINED).all():
+            break
+        rigid = np.hstack([rigid, shapes[:, moves & (strained <= _STRAINED)]])
+    moved = expansion @ shapes
+    largest = [float(np.abs(moved[where, 0]).max(initial=0.0)) for where in parts.where.values()]
+    return StressRatios(lowest, highest, moved, list(parts.where)[int(np.argmax(largest))])
 
 
-def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float) -> tuple[float, float, Array]:
-    """Lowest and highest mu, and the mode (n,) of the lowest, of K_sigma ``stressed`` (n, n)."""
+def known_ratio(shapes: Array, stiffness: Mapping[str, sp.csr_array], models: Iterable[SubstructureModel]) -> float:
+    """Larger size of mu in modes of another stress (``StressRatios.shapes``), to second order in what changes them."""
+    energy = shapes.T @ (_side_by_side(stiffness, {m.name: m for m in models}) @ shapes)
+    return float(np.abs(la.eigvalsh(energy)).max())
+
+
+def _side_by_side(stiffness: Mapping[str, sp.csr_array], models: Mapping[str, SubstructureModel]) -> sp.csr_array:
+    """K_sigma of all bodies, (n_full, n_full)."""
+    blocks = [stiffness.get(name, sp.csr_array((m.n_full, m.n_full))) for name, m in models.items()]
+    return sp.csr_array(sp.block_diag(blocks, format="csr"))
+
+
+def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float, rigid: Array) -> tuple[float, float, Array]:
+    """Lowest and highest mu, and their modes (n, 2), of K_sigma ``stressed`` (n, n) on the motions orthogonal to
+    ``rigid`` (n, k), of unit stiffness."""
     elastic, n = vibration.shifted, vibration.n
     most = min(_MOST, n)
     space, pulled, gram = np.empty((n, most)), np.empty((n, most)), np.zeros((most, most))
     # what random forces do: hardly any short waves, which stress does not change
     rest, size, done = vibration.solve(np.random.default_rng(0).normal(size=n)), 0, False
+    held = elastic @ rigid
+    rest = rest - rigid @ (held.T @ rest)
     while not done:
         image = elastic @ rest
         norm = float(np.sqrt(rest @ image))
@@ -98,12 +126,13 @@ def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float) -> tu
         # twice: once leaves round-off
         for _ in range(2):
             rest = rest - space[:, :size] @ (pulled[:, :size].T @ rest)
+            rest = rest - rigid @ (held.T @ rest)
         left = float(np.sqrt(max(rest @ (elastic @ rest), 0.0)))
         done = size == most or left <= _NOTHING * float(np.abs(gram[:size, :size]).max())
         if size % _FIRST == 0 and not done:
             values, turns = la.eigh(gram[:size, :size])
             largest = float(np.abs(values).max())
             residual = left * float(np.abs(turns[-1, [0, -1]]).max())
-            done = largest < 0.5 * negligible or residual <= _EXACT * largest
+            done = largest + residual < negligible or residual <= _EXACT * largest
     values, turns = la.eigh(gram[:size, :size])
-    return float(values[0]), float(values[-1]), space[:, :size] @ turns[:, 0]
+    return float(values[0]), float(values[-1]), space[:, :size] @ turns[:, [0, -1]]

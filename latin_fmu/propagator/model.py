@@ -295,8 +295,8 @@ class SubstructureModel:
     """Maxwell branches of the damping by strain, springs of the stiffness K times their strengths."""
 
     unrelaxed: sp.csr_array | None = field(default=None)
-    """(n_full, n_full) part of the stiffness whose springs have no branches: of a group of bodies some of which relax,
-    and the geometric one; None where all have."""
+    """(n_full, n_full) part of the stiffness whose springs have no branches: the geometric one, and in groups that of
+    bodies that do not relax; None where all have."""
 
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
@@ -323,13 +323,6 @@ class SubstructureModel:
         SceneError : more modes than ``MOST_MODES``.
         """
         return _modal_rows(self)
-
-    @property
-    def relaxing(self) -> sp.csr_array:
-        """Part (n_full, n_full) of the stiffness on whose springs the branches act."""
-        if self.unrelaxed is None:
-            return self.stiffness
-        return sp.csr_array(self.stiffness - self.unrelaxed)
 
     @property
     def n_full(self) -> int:
@@ -489,6 +482,13 @@ def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
         model.__dict__["_unrelaxed"] = _reduced(model.expansion, model.unrelaxed)
     matrix: sp.csr_array | None = model.__dict__.get("_unrelaxed")
     return matrix
+
+
+def relaxing_part(model: SubstructureModel) -> sp.csr_array:
+    """The part (n_full, n_full) of the stiffness on whose springs the branches act."""
+    if model.unrelaxed is None:
+        return model.stiffness
+    return sp.csr_array(model.stiffness - model.unrelaxed)
 
 
 def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) -> list[float]:

@@ -325,12 +325,7 @@ class Scene(SceneTable):
             raise SceneError(problems, _HEADING) from None
         problems = unreadable or _relation_problems(written, base_dir)
         problems = problems or history_problems(scene)
-        if scene.spread and not problems:
-            problems = list(spread_problems(scene.spread, scene.tables()))
-        if scene.fmu.parameters and not problems:
-            tables = scene.tables()
-            missing = [name for name in scene.fmu.parameters if number_at(tables, name) is None]
-            problems = [no_number("fmu.parameters", tables, name) for name in missing]
+        problems = problems or _named_numbers(scene)
         if problems:
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
@@ -475,6 +470,18 @@ class Scene(SceneTable):
             for key in MEANINGLESS.get(table["behaviour"], ()):
                 table.pop(key, None)
         return data
+
+
+def _named_numbers(scene: Scene) -> list[Problem]:
+    """Problems of the numbers that [spread] and ``fmu.parameters`` name."""
+    problems: list[Problem] = []
+    if scene.spread:
+        problems = list(spread_problems(scene.spread, scene.tables()))
+    if scene.fmu.parameters and not problems:
+        tables = scene.tables()
+        missing = [name for name in scene.fmu.parameters if number_at(tables, name) is None]
+        problems = [no_number("fmu.parameters", tables, name) for name in missing]
+    return problems
 
 
 NAMED: Final = frozenset(key for key, field in Scene.model_fields.items() if is_named(field))

@@ -35,15 +35,18 @@ from ..assembly.problem import DiscretisedProblem, settings_of
 from ..errors import SceneError, SolverError
 from ..fem.mesh import Array
 from ..joined.joined_assembly import JoinedAssembly, pressed_of
-from ..joined.stress_ratios import StressRatios, stress_ratios
+from ..joined.stress_ratios import StressRatios, known_ratio, stress_ratios
 from ..joined.tied_assembly import TieError
+from ..remarks import remarks_of
 from .equilibrium import equilibrium_at_once
 from .places_at_rest import least_displaced
 from .statics import static_problem, static_scene, static_size
 
 NEGLIGIBLE: Final = 0.01
 """Change of a natural frequency below which stress is left out."""
+_SURE: Final = 0.75  # of that, with the modes of another run
 _NEAR: Final = 2.0  # load factor of buckling below which a linear equilibrium is doubtful
+_FAR: Final = 100.0  # load factor of buckling above which it is not named
 _STOUT: Final = 6.0
 """Strain times square of slenderness over mu: columns that are clamped at one end have less."""
 
@@ -77,16 +80,19 @@ def stressed_problem(
     choice = scene.effects.prestress
     if state is None or choice == "off" or scene.time.quasi_static:
         return problem
-    if choice == "automatic" and _stout(problem, state):
+    automatic, kept = choice == "automatic", problem.kept
+    if automatic and _stout(problem, state):
         return problem
     stiffness = dict(_stiffnesses(problem, state))
-    if not stiffness:
+    if not stiffness or (automatic and _known_to_be_small(problem, stiffness)):
         return problem
     joined = JoinedAssembly.of(problem, "sticking", pressed_of(state))
     # squares of frequencies
     ratios = stress_ratios(joined, stiffness, 2.0 * NEGLIGIBLE)
     _refuse_buckled(ratios)
-    if choice == "automatic" and ratios.largest < 2.0 * NEGLIGIBLE:
+    if kept is not None:
+        kept.stress_modes = ratios.shapes
+    if automatic and ratios.largest < 2.0 * NEGLIGIBLE:
         return problem
     if restricted:
         raise SceneError.of(
@@ -98,8 +104,19 @@ def stressed_problem(
             "off",
             'set effects.prestress = "off" to take the derivatives of the scene without it',
         )
-    prestress = Prestress(stiffness, _words(ratios), ratios.load_factor)
-    return replace(problem, prestress=prestress).with_classes()
+    words = _words(ratios)
+    remarks = (*problem.remarks, *remarks_of("prestress", [words]))
+    return replace(problem, prestress=Prestress(stiffness, words), remarks=remarks).with_classes()
+
+
+def _known_to_be_small(problem: DiscretisedProblem, stiffness: Mapping[str, sp.csr_array]) -> bool:
+    """Whether stress does not count in the modes of a run of the same study."""
+    shapes = None if problem.kept is None else problem.kept.stress_modes
+    models = {m.name: m for c in problem.classes for m in c.members}
+    if shapes is None or len(shapes) != sum(m.n_full for m in models.values()):
+        return False
+    ratio = known_ratio(shapes, stiffness, [models[name] for name in problem.bodies])
+    return ratio < _SURE * 2.0 * NEGLIGIBLE
 
 
 def corrected(problem: DiscretisedProblem, state: InitialState, amplitudes: Mapping[str, float]) -> InitialState:
@@ -125,12 +142,6 @@ def corrected(problem: DiscretisedProblem, state: InitialState, amplitudes: Mapp
     after = found.state(amplitudes)
     change = _distance(after, state)
     remarks = [*state.remarks, *after.remarks]
-    factor = problem.prestress.load_factor
-    if factor < _NEAR:
-        remarks.append(
-            f"the state at t = 0 is near buckling, at {factor:.3g} of what acts: displacements and stresses of a "
-            "linear start are doubtful there; reduce the loads or the temperature, or hold the slender parts"
-        )
     words = f"{state.message}; with the stiffness of its stress it moves by {100 * change:.2g} %"
     present = {unit.name for unit in static.units}
     others = {name: traction for name, traction in state.traction.items() if name not in present}
@@ -253,8 +264,17 @@ def _change(ratios: StressRatios) -> str:
 def _words(ratios: StressRatios) -> str:
     """What the stress of t = 0 does."""
     factor = ratios.load_factor
-    buckles = "" if factor > 100.0 else f", buckling at {factor:.3g} times what acts"
-    return f"the stress of t = 0 changes natural frequencies by up to {_change(ratios)}{buckles}"
+    words = (
+        f"the stress of t = 0 changes natural frequencies by up to {_change(ratios)}, and its stiffness is part of this"
+    )
+    if factor > _FAR:
+        return words
+    words += f"; it buckles at {factor:.3g} times what acts"
+    if factor > _NEAR:
+        return words
+    return (
+        f"{words}, near which a linear start is doubtful: reduce the loads or temperatures, or hold the slender parts"
+    )
 
 
 def _lost(why: str) -> SceneError:

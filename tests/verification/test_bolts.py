@@ -14,7 +14,7 @@ from scipy.sparse.linalg import spsolve
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
 from latin_fmu.assembly.merged_assembly import merge
-from latin_fmu.building import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready, started
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.segments import SegmentedRun
 from latin_fmu.effects.cost import run_size
@@ -272,7 +272,7 @@ def test_merged_assembly_carries_the_bolts() -> None:
     moving = {"end": 1e-6, "instants": 1}
     scene = scene_from_dict(frame({"left": {"force": 4000.0}, "right": {"force": 3000.0}}, time=moving))
     discretised = discretise(scene)
-    problem = solver_ready(discretised, {})
+    problem = solver_ready(*started(discretised, {}))
     merged = merge([m for c in discretised.classes for m in c.members], discretised.units, problem.info)
     amplitudes = merged.histories(problem.timeline, np.array([0.0, 1.0])).amplitudes
     p, model = merged.model.expansion, merged.model

@@ -1,0 +1,289 @@
+"""The stiffness of the stress that a motion starts from: strings, columns, plates, stacks; buckling; where it is left
+out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+import latin_fmu
+from latin_fmu.building import discretise, started
+from latin_fmu.cosim.session import Session
+from latin_fmu.errors import SceneError
+from latin_fmu.fem.elasticity import Isotropic
+from latin_fmu.fem.elements import Elements, rigid_modes
+from latin_fmu.fem.geometric_stiffness import geometric_stiffness
+from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.stability.surfaces import typed_box, write_mesh
+
+Tables = dict[str, Any]
+MODULUS, DENSITY = 210e9, 7800.0
+STEEL = {"young_modulus": MODULUS, "poisson_ratio": 0.3, "density": DENSITY, "thermal_expansion": 12e-6}
+START = {"type": "static"}
+
+# half of a strip between pins, whose other half is its mirror image
+HALF, WIDTH, THICKNESS = 0.05, 0.005, 0.001
+SECTION = WIDTH * THICKNESS
+BENDING = MODULUS * WIDTH * THICKNESS**3 / 12.0
+EULER = np.pi**2 * BENDING / (2.0 * HALF) ** 2
+
+
+def pinned(force: float, **tables: Any) -> latin_fmu.Scene:
+    """A strip between pins under a force along it, N."""
+    return latin_fmu.scene_from_dict(
+        {
+            "name": "pinned",
+            "material": {"steel": STEEL},
+            "substructure": {
+                "strip": {
+                    "material": "steel",
+                    "bending_modes": True,
+                    "box": {"size": [HALF, WIDTH, THICKNESS], "elements": [40, 2, 1]},
+                }
+            },
+            "boundary": {
+                "middle": {"type": "symmetry", "face": "strip.xmin"},
+                "pin": {"type": "fixed", "face": "strip.xmax", "components": ["z"]},
+                "side": {"type": "symmetry", "face": "strip.ymin"},
+            },
+            "load": {"along": {"face": "strip.xmax", "traction": [force / SECTION, 0.0, 0.0], "law": "constant"}},
+            "time": {"end": 2e-3, "step": 2e-5, "start": START},
+            **tables,
+        }
+    )
+
+
+def frequency_of(time: np.ndarray, motion: np.ndarray) -> float:
+    """Of a free vibration, Hz, by the times at which it passes its mean upwards."""
+    motion = motion - motion.mean()
+    before = np.flatnonzero((motion[:-1] < 0.0) & (motion[1:] >= 0.0))
+    share = motion[before] / (motion[before] - motion[before + 1])
+    passes = time[before] + share * np.diff(time)[before]
+    return float((len(passes) - 1) / (passes[-1] - passes[0]))
+
+
+@pytest.mark.parametrize("share", [5.8, 1.0, -0.5, -0.8])
+def test_a_strip_is_tuned_by_the_force_along_it(share: float) -> None:
+    """f^2 = f_0^2 (1 + N / P), P Euler's load, in any mode with its own half waves: here the first, one half wave."""
+    plain = latin_fmu.vibration_modes(pinned(share * EULER, effects={"prestress": "off"}), count=1).frequency[0]
+    assert plain == pytest.approx(np.pi / (8.0 * HALF**2) * np.sqrt(BENDING / (DENSITY * SECTION)), rel=2e-3)
+    modes = latin_fmu.vibration_modes(pinned(share * EULER), count=1)
+    assert modes.frequency[0] == pytest.approx(plain * np.sqrt(1.0 + share), rel=5e-3 if share > -0.6 else 1e-2)
+    assert any("prestress" in remark for remark in modes.remarks)
+
+
+def test_the_factor_of_buckling_is_eulers() -> None:
+    modes = latin_fmu.vibration_modes(pinned(-0.5 * EULER), count=1)
+    (words,) = (remark for remark in modes.remarks if "prestress" in remark)
+    assert float(words.split("buckles at ")[1].split()[0]) == pytest.approx(2.0, rel=1e-2)
+    with pytest.raises(SceneError, match=r"substructure strip buckles.*load factor of buckling 0\.9"):
+        latin_fmu.vibration_modes(pinned(-1.05 * EULER), count=1)
+    with pytest.raises(SceneError, match="buckles"):
+        latin_fmu.solve(pinned(-1.05 * EULER))
+    assert latin_fmu.solve(pinned(-1.05 * EULER, effects={"prestress": "off"})).converged
+
+
+# frequencies and factor of CalculiX 2.20 on the same mesh: *STATIC, NLGEOM then *FREQUENCY, PERTURBATION; *BUCKLE
+CALCULIX = {
+    "strip of C3D8I": ("hexahedron", [0.1, 0.01, 0.001], [40, 4, 1], 14.0, [381.2099, 1297.291]),
+    "strip of C3D10": ("tetra10", [0.1, 0.01, 0.001], [30, 3, 1], 14.0, [386.3914, 1309.418]),
+    "sheet of C3D20": ("hexahedron20", [0.1, 0.1, 0.001], [12, 12, 1], 5.0, [842.3824, 1815.442]),
+    "cold strip of C3D20": ("hexahedron20", [0.1, 0.01, 0.001], [20, 2, 1], -30.0, [779.804, 1860.436]),
+}
+
+
+@pytest.mark.parametrize("case", CALCULIX)
+def test_heated_parts_ring_as_in_calculix(case: str, tmp_path: Path) -> None:
+    cell, size, elements, change, expected = CALCULIX[case]
+    write_mesh(tmp_path / "part.msh", typed_box(cell, np.zeros(3), np.array(size), tuple(elements)), lambda x: x)
+    faces = ["xmin", "xmax", *(["ymin", "ymax"] if size[0] == size[1] else [])]
+    part = {"material": "steel", "mesh": {"file": "part.msh"}, "bending_modes": cell == "hexahedron"}
+    scene = latin_fmu.scene_from_dict(
+        {
+            "name": "heated",
+            "material": {"steel": STEEL},
+            "substructure": {"part": part},
+            "boundary": {face: {"type": "fixed", "face": f"part.{face}"} for face in faces},
+            "temperature": {"heat": {"change": change}},
+            "time": {"end": 1e-3, "step": 1e-5, "start": START},
+        },
+        tmp_path,
+    )
+    found = latin_fmu.vibration_modes(scene, count=2).frequency
+    assert found == pytest.approx(expected, rel=3e-3)
+    assert found[0] == pytest.approx(expected[0], rel=1.2e-3)
+
+
+def test_a_column_buckles_as_in_calculix(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "part.msh", typed_box("tetra10", np.zeros(3), np.array([0.1, 0.01, 0.002]), (20, 2, 1)))
+    scene = latin_fmu.scene_from_dict(
+        {
+            "name": "column",
+            "material": {"steel": STEEL},
+            "substructure": {"part": {"material": "steel", "mesh": {"file": "part.msh"}}},
+            "boundary": {"root": {"type": "fixed", "face": "part.xmin"}},
+            "load": {"push": {"face": "part.xmax", "pressure": 5e6, "law": "constant"}},
+            "time": {"end": 1e-3, "step": 1e-5, "start": START},
+        },
+        tmp_path,
+    )
+    modes = latin_fmu.vibration_modes(scene, count=3)
+    assert modes.frequency == pytest.approx([144.9223, 831.5732, 1037.512], rel=1e-4)
+    assert "buckles at 3.5 times" in modes.remarks[-1]  # 3.499534
+
+
+def stack(force: float, end: float = 60e-3, **tables: Any) -> latin_fmu.Scene:
+    """Four slender parts on each other, held by a force and by friction, and tapped from the side."""
+    side, height = 0.01, 0.075
+    data: Tables = {
+        "name": "stack",
+        "material": {"steel": STEEL},
+        "substructure": {},
+        "interface": {},
+        "boundary": {"base": {"type": "fixed", "face": "p0.zmin"}},
+        "load": {
+            "clamp": {"face": "p3.zmax", "pressure": force / side**2, "law": "constant"},
+            "tap": {"face": "p3.xmax", "force": [0.2, 0.0, 0.0], "law": {"type": "half_sine", "duration": 1e-3}},
+        },
+        "sensor": {"top": {"substructure": "p3", "point": [side, side / 2, 4 * height]}},
+        "solver": {"tolerance": 1e-5},
+        "time": {"end": end, "step": 4e-5, "start": START},
+        **tables,
+    }
+    for i in range(4):
+        box = {"origin": [0.0, 0.0, height * i], "size": [side, side, height], "elements": [2, 2, 10]}
+        data["substructure"][f"p{i}"] = {"material": "steel", "bending_modes": True, "box": box}
+        data["boundary"][f"side{i}"] = {"type": "symmetry", "face": f"p{i}.ymin"}
+        if i:
+            data["interface"][f"i{i}"] = {"sides": [f"p{i - 1}.zmax", f"p{i}.zmin"], "friction_coefficient": 0.3}
+    return latin_fmu.scene_from_dict(data)
+
+
+def loaded_column(share: float) -> float:
+    """Lowest frequency of a column, fixed below and free above, under a dead load, this share of that at which it
+    buckles, over its frequency without load: w^(4) + p w^(2) = q^4 w on a length of 1."""
+
+    def lowest(load: float) -> float:
+        def determinant(fourth: float) -> float:
+            root = np.sqrt(load**2 / 4.0 + fourth)
+            a, b = np.sqrt(root - load / 2.0), np.sqrt(root + load / 2.0)
+            # w = A (cosh a x - cos b x) + B (sinh a x / a - sin b x / b): fixed at x = 0
+            curved = [a**2 * np.cosh(a) + b**2 * np.cos(b), a * np.sinh(a) + b * np.sin(b)]
+            cut = [
+                a * (a**2 + load) * np.sinh(a) - b * (b**2 - load) * np.sin(b),
+                (a**2 + load) * np.cosh(a) + (b**2 - load) * np.cos(b),
+            ]
+            return float(curved[0] * cut[1] - curved[1] * cut[0])
+
+        return float(scipy.optimize.brentq(determinant, 1e-6, 20.0))
+
+    return float(np.sqrt(lowest(share * np.pi**2 / 4.0) / lowest(0.0)))
+
+
+LOADS = [500.0, 2000.0, 3500.0, 4300.0]
+
+
+@pytest.mark.parametrize("propagator", ["direct", "modal"])
+@pytest.mark.parametrize(
+    "force", [LOADS[1], *(pytest.param(force, marks=pytest.mark.slow) for force in (LOADS[0], *LOADS[2:]))]
+)
+def test_a_stack_in_contact_rings_at_the_frequency_of_its_modes(force: float, propagator: str) -> None:
+    modes = latin_fmu.vibration_modes(stack(force), count=1)
+    unloaded = latin_fmu.vibration_modes(stack(force, effects={"prestress": "off"}), count=1)
+    factor = float(modes.remarks[-1].split("buckles at ")[1].split()[0])
+    assert modes.frequency[0] == pytest.approx(unloaded.frequency[0] * loaded_column(1.0 / factor), rel=1e-2)
+    end = round(12.0 / modes.frequency[0] / 4e-5) * 4e-5
+    scene = stack(force, end, solver={"propagator": propagator, "tolerance": 1e-5})
+    solution = latin_fmu.solve(scene)
+    assert solution.converged
+    later = solution.time > 2e-3
+    rung = frequency_of(solution.time[later], solution.sensors["top"].displacement[later, 0])
+    assert rung == pytest.approx(modes.frequency[0], rel=5e-3)
+
+
+def test_the_energy_of_a_stressed_run_closes() -> None:
+    solution = latin_fmu.solve(stack(2000.0, 20e-3, output={"energy": True}, solver={"tolerance": 1e-6}))
+    energy = solution.energy
+    assert energy is not None
+    assert np.abs(energy["balance"]).max() < 1e-6 * energy["kinetic"].max()
+
+
+def test_a_session_steps_with_the_stress_of_its_start() -> None:
+    scene = stack(2000.0, 4e-3)
+    expected = latin_fmu.solve(scene).sensors["top"].velocity[:, 0]
+    plain = latin_fmu.solve(stack(2000.0, 4e-3, effects={"prestress": "off"})).sensors["top"].velocity[:, 0]
+    session = Session(scene)
+    session.initialize()
+    at = session.outputs.index("sensor.top.velocity[1]")
+    rows = [session.row[at]]
+    for i in range(10):
+        assert session.step(i * 4e-4, 4e-4)
+        rows.append(session.row[at])
+    largest = np.abs(expected).max()
+    assert np.abs(np.array(rows) - expected[::10]).max() < 1e-3 * largest
+    assert np.abs(plain - expected).max() > 0.1 * largest
+
+
+def test_stress_that_does_not_count_leaves_every_bit() -> None:
+    """A stout scene with a static start: no matrix and no start is another one."""
+    table = {"size": [0.02, 0.02, 0.02], "elements": [2, 2, 2]}
+    data: Tables = {
+        "name": "stout",
+        "material": {"steel": STEEL},
+        "substructure": {"block": {"material": "steel", "box": table}},
+        "interface": {"floor": {"sides": ["block.zmin", "ground"], "friction_coefficient": 0.3}},
+        "load": {
+            "weight": {"face": "block.zmax", "pressure": 1e6, "law": "constant"},
+            "push": {"face": "block.xmax", "pressure": 1e5, "law": {"type": "half_sine", "duration": 2e-5}},
+        },
+        "time": {"end": 4e-5, "step": 1e-6, "start": START},
+    }
+    automatic = latin_fmu.solve(latin_fmu.scene_from_dict(data))
+    off = latin_fmu.solve(latin_fmu.scene_from_dict({**data, "effects": {"prestress": "off"}}))
+    assert np.array_equal(automatic.interfaces["floor"].traction, off.interfaces["floor"].traction)
+    assert not any("stress of t = 0" in warning for warning in automatic.warnings)
+
+
+def test_bodies_of_unequal_stress_share_no_operators() -> None:
+    """Two equal strips side by side, one pulled and one pushed, ring as each of them alone."""
+    forces = {"pulled": 0.5 * EULER, "pushed": -0.5 * EULER}
+    one = {name: latin_fmu.vibration_modes(pinned(force), count=1).frequency[0] for name, force in forces.items()}
+    data: Tables = pinned(0.0).tables()
+    data["boundary"], data["load"], data["substructure"] = {}, {}, {}
+    for i, (name, force) in enumerate(forces.items()):
+        box = {"origin": [0.0, 0.1 * i, 0.0], "size": [HALF, WIDTH, THICKNESS], "elements": [40, 2, 1]}
+        data["substructure"][name] = {"material": "steel", "bending_modes": True, "box": box}
+        data["boundary"][f"middle_{name}"] = {"type": "symmetry", "face": f"{name}.xmin"}
+        data["boundary"][f"pin_{name}"] = {"type": "fixed", "face": f"{name}.xmax", "components": ["z"]}
+        data["boundary"][f"side_{name}"] = {"type": "symmetry", "face": f"{name}.ymin"}
+        data["load"][name] = {"face": f"{name}.xmax", "traction": [force / SECTION, 0.0, 0.0], "law": "constant"}
+    scene = latin_fmu.scene_from_dict(data)
+    problem, _ = started(discretise(scene), {})
+    assert len(problem.classes) == 2
+    assert latin_fmu.vibration_modes(scene, count=2).frequency == pytest.approx(sorted(one.values()), rel=1e-7)
+
+
+def test_derivatives_of_a_stressed_scene_are_refused() -> None:
+    scene = pinned(EULER, output={"sensitivities": ["material.steel.density"]})
+    with pytest.raises(SceneError, match=r"effects\.prestress: derivatives do not know"):
+        latin_fmu.solve(scene)
+
+
+def test_the_matrix_of_a_stressed_box() -> None:
+    """No force in a translation; in a rotation those of the stress on the faces, turned."""
+    rng = np.random.default_rng(3)
+    mesh = box_mesh(np.zeros(3), np.array([1.0, 2.0, 3.0]), (2, 2, 2))
+    six = rng.normal(size=(1, 6))
+    stress = np.array(
+        [[six[0, 0], six[0, 5], six[0, 4]], [six[0, 5], six[0, 1], six[0, 3]], [six[0, 4], six[0, 3], six[0, 2]]]
+    )
+    matrix = geometric_stiffness(Elements(mesh), Isotropic(1.0, 1.0, 0.3), np.zeros((mesh.n_node, 3)), six)
+    assert abs(matrix - matrix.T).max() < 1e-12
+    moves = rigid_modes(mesh.nodes, np.array([0.5, 1.0, 1.5]), 1.0)
+    assert np.abs(matrix @ moves[:, :3]).max() < 1e-12
+    expected = 6.0 * (np.trace(stress) * np.eye(3) - stress)
+    assert moves[:, 3:].T @ matrix @ moves[:, 3:] == pytest.approx(expected, rel=1e-12, abs=1e-12)
