@@ -23,10 +23,12 @@ class Prestress:
     Attributes
     ----------
     stiffness : K_sigma (n_full, n_full), N m-1, by body; bodies without stress have none. words : what it changes.
+    period : of the motion that it changes most, s.
     """
 
     stiffness: Mapping[str, sp.csr_array]
     words: str
+    period: float = 0.0
 
     def added(self, name: str, stiffness: sp.csr_array) -> sp.csr_array:
         """K + K_sigma of a body, with the zeros of both: the pattern of a body does not depend on its stress."""

@@ -100,8 +100,8 @@ class SolverReadyProblem:
     """The whole assembly, which is marched in the place of its bodies; None where these are."""
     grouped: GroupedMarch | None = None
     """The assembly that is marched where bonded bodies are one substructure; None where none are."""
-    prestress: str = ""
-    """What the stress of t = 0 changes; empty where it has no stiffness."""
+    prestress: Prestress | None = None
+    """Stiffness of the stress of t = 0; None where there is none."""
     bonds: str = ""
     """Why bonds are iterated although nothing is said about them; empty where they are not, or where there are none."""
 
@@ -127,7 +127,7 @@ class SolverReadyProblem:
         out = {} if self.reduced is None else {"propagator": self.reduced.in_words}
         words = self.bonds if self.grouped is None else self.grouped.in_words
         out |= {"bonds": words} if words else {}
-        out |= {"prestress": self.prestress} if self.prestress else {}
+        out |= {"prestress": self.prestress.words} if self.prestress is not None else {}
         out |= {} if self.untouched is None else {"left out, never touched": ", ".join(self.untouched.info)}
         return {"time scheme": self.scheme, **start, **out, **({"operators": kept} if kept else {})}
 
@@ -403,7 +403,7 @@ def ready(
         unforeseen,
         reduced,
         grouped,
-        "" if problem.prestress is None else problem.prestress.words,
+        problem.prestress,
     )
 
 

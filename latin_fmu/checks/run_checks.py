@@ -47,6 +47,7 @@ from ..remarks import Remark, remarks_of
 from ..results.interface_fields import slip_in_contact
 from ..scene.readable_numbers import percent, readable
 from ..scene.units import SI, UnitSystem
+from .lost_stress import lost_stress
 
 if TYPE_CHECKING:
     from .release import Release
@@ -473,7 +474,8 @@ def faults_of(
     for. ``ends`` from ``body_ends``.
     """
     sunk = [s.words for s in sinkings(problem, histories, time) if s.fault]
-    return [*sunk, *_open(account, problem.unit_system["J"]), *_turned(ends)]
+    lost = lost_stress(problem, histories, time)
+    return [*sunk, *_open(account, problem.unit_system["J"]), *_turned(ends), *lost]
 
 
 def with_faults(sentence: str, faults: Sequence[str]) -> str:

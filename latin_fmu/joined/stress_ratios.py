@@ -45,13 +45,14 @@ class StressRatios:
     Attributes
     ----------
     lowest, highest : mu. shapes : (n_full, 2) their modes, full dofs, of unit stiffness. moves_most : body that moves
-    most in the mode of the lowest.
+    most in the mode of the lowest. period : of a vibration in the shape that stress changes most, s.
     """
 
     lowest: float
     highest: float
     shapes: Array
     moves_most: str
+    period: float
 
     @property
     def load_factor(self) -> float:
@@ -78,7 +79,7 @@ def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array],
     stressed = sp.csr_array(expansion.T @ _side_by_side(stiffness, parts.models) @ expansion)
     vibration = joined.vibration.shifted_by(_SLOWER**2 * joined.vibration.shift)
     if not vibration.n:
-        return StressRatios(0.0, 0.0, np.zeros((parts.n, 2)), next(iter(parts.where)))
+        return StressRatios(0.0, 0.0, np.zeros((parts.n, 2)), next(iter(parts.where)), 0.0)
     rigid = np.zeros((vibration.n, 0))
     for _ in range(_MOST_RIGID):
         lowest, highest, shapes = _ends(vibration, stressed, negligible, rigid)
@@ -90,7 +91,10 @@ def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array],
         rigid = np.hstack([rigid, shapes[:, moves & (strained <= _STRAINED)]])
     moved = expansion @ shapes
     largest = [float(np.abs(moved[where, 0]).max(initial=0.0)) for where in parts.where.values()]
-    return StressRatios(lowest, highest, moved, list(parts.where)[int(np.argmax(largest))])
+    shape = shapes[:, int(abs(highest) > abs(lowest))]
+    # Rayleigh's quotient, of unit stiffness
+    period = 2.0 * np.pi * float(np.sqrt(shape @ (vibration.mass @ shape)))
+    return StressRatios(lowest, highest, moved, list(parts.where)[int(np.argmax(largest))], period)
 
 
 def known_ratio(shapes: Array, stiffness: Mapping[str, sp.csr_array], models: Iterable[SubstructureModel]) -> float:

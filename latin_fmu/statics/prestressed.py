@@ -106,7 +106,7 @@ def stressed_problem(
         )
     words = _words(ratios)
     remarks = (*problem.remarks, *remarks_of("prestress", [words]))
-    return replace(problem, prestress=Prestress(stiffness, words), remarks=remarks).with_classes()
+    return replace(problem, prestress=Prestress(stiffness, words, ratios.period), remarks=remarks).with_classes()
 
 
 def _known_to_be_small(problem: DiscretisedProblem, stiffness: Mapping[str, sp.csr_array]) -> bool:
