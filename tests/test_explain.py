@@ -30,6 +30,7 @@ NAMES = {
     "bolts",
     "initial motion",
     "static start",
+    "stiffness of stress",
     "prescribed motion",
     "unilateral contact",
     "friction",

@@ -262,6 +262,21 @@ def static_start(p: Prediction) -> Effect:
     return Effect(name, True, why, reason, 'time.start = "given"', kernels, cost, memory=8 * p.total("unknowns"))
 
 
+def prestress(p: Prediction) -> Effect:
+    """Geometric stiffness of the stress of a static start."""
+    name, why, choice = "stiffness of stress", ("effects.prestress",), p.scene.effects.prestress
+    if not isinstance(p.scene.time.start, StaticStart) or p.run.static:
+        return _off(name, ("time.start",), "no motion starts from a stressed state", 'time.start = "static"')
+    if choice == "off":
+        return _off(name, why, "the scene leaves it out", 'effects.prestress = "automatic"')
+    reason = {
+        "automatic": "taken if the stress of t = 0 changes a natural frequency by more than 1 %, which the start shows",
+        "on": "taken whatever it changes",
+    }[choice]
+    # in the matrices of the bodies: nothing is added per instant
+    return Effect(name, True, why, reason, 'effects.prestress = "off"', ("static factorisation", "static solution"))
+
+
 def prescribed_motion(p: Prediction) -> Effect:
     """Faces moved from outside."""
     keys = [f"boundary.{n}" for n, b in p.scene.boundary.items() if isinstance(b, Driven)]
@@ -428,6 +443,7 @@ EFFECTS: tuple[Callable[[Prediction], Effect], ...] = (
     bolts,
     initial_motion,
     static_start,
+    prestress,
     prescribed_motion,
     contact,
     friction,

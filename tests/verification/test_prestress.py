@@ -185,7 +185,7 @@ def loaded_column(share: float) -> float:
     return float(np.sqrt(lowest(share * np.pi**2 / 4.0) / lowest(0.0)))
 
 
-LOADS = [500.0, 2000.0, 3500.0, 4300.0]
+LOADS = [500.0, 2000.0, 1000.0, 1500.0, 2500.0, 3000.0, 3500.0, 4300.0]
 
 
 @pytest.mark.parametrize("propagator", ["direct", "modal"])
