@@ -548,12 +548,11 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
 
 
 def _stressed(problem: DiscretisedProblem, model: SubstructureModel) -> SubstructureModel:
-    """The model with the geometric stiffness of its body, which relaxes with no branch."""
+    """The model with the geometric stiffness of its body, which no damping by strain acts on."""
     if problem.prestress is None or model.name not in problem.prestress.stiffness:
         return model
     stiffness = problem.prestress.added(model.name, model.stiffness)
-    unrelaxed = problem.prestress.stiffness[model.name] if len(model.branches) else None
-    return replace(model, stiffness=stiffness, unrelaxed=unrelaxed)
+    return replace(model, stiffness=stiffness, unrelaxed=problem.prestress.stiffness[model.name])
 
 
 def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:

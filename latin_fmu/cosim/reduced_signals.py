@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from ..assembly.supports import port_key
 from ..joined.motion_rows import RowShares, bond_rows, carried_rows, mean_rows, row_shares, spring_rows
 from ..joined.reduced_run import NAME, DrivePlace, MotionPlace, ReducedMarch, drive_places
-from ..joined.tied_assembly import DAMPING, MASS, STIFFNESS, placed
+from ..joined.tied_assembly import DAMPING, MASS, STIFFNESS, STRAINED, placed
 from ..latin.assembly import Array, Index
 from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
@@ -78,7 +78,7 @@ class OutputRows:
             rows["stiffness", name] = stiff
             for kind, number in (("damping", DAMPING), ("mass", MASS)):
                 rows[kind, name] = tied.rows_times(number, of_bond, [*models])
-            rows["strained", name] = tied.rows_times(STIFFNESS, of_bond, relaxing)
+            rows["strained", name] = tied.rows_times(STRAINED, of_bond, relaxing)
         for i in tied.joints.linear:
             rows["springs", units[i].name] = spring_rows(march, i)
         ends = np.cumsum([0, *(matrix.shape[0] for matrix in rows.values())]).tolist()

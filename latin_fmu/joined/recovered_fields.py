@@ -29,7 +29,7 @@ from ..latin.probes import SERIES, OutputRequest, Reading
 from ..latin.recorder import Recorder, SubstructureInfo
 from ..machine import give_back_memory
 from ..propagator.forcing import STRAIN
-from ..propagator.model import SubstructureModel, closest_reduced
+from ..propagator.model import SubstructureModel, closest_reduced, relaxing_part
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
 from .motion_rows import basis_of, row_shares
@@ -224,7 +224,11 @@ class Motions:
             if not len(dofs):
                 continue
             shapes, (u, v, a) = self.shapes[where], self.amplitudes
-            total = (model.stiffness[dofs] @ shapes) @ (u + self.strains(model)).T
+            if model.unrelaxed is None:
+                total = (model.stiffness[dofs] @ shapes) @ (u + self.strains(model)).T
+            else:
+                total = (model.stiffness[dofs] @ shapes) @ u.T
+                total += (relaxing_part(model)[dofs] @ shapes) @ self.strains(model).T
             total += (model.inertia[dofs] @ shapes) @ a.T
             if model.damping is not None:
                 total += (model.damping[dofs] @ shapes) @ v.T

@@ -19,7 +19,7 @@ from ..time_scheme import MaxwellBranches
 from .motion_rows import bond_rows, carried_rows
 from .recovered_fields import Motions, RecoveredRecorder
 from .reduced_run import ReducedMarch
-from .tied_assembly import DAMPING, MASS, STIFFNESS
+from .tied_assembly import DAMPING, MASS, STIFFNESS, STRAINED
 
 
 def follows_resultants(march: ReducedMarch) -> bool:
@@ -96,7 +96,10 @@ def _internal(motions: Motions, rows: sp.csr_array) -> Array:
         moved = motions.sensed(products)
         if kind == STIFFNESS:
             model = next(m for m in tied.models if m.name == names[0])
-            total += moved[0] + motions.relaxing(model, moved[0])
+            strained = moved[0]
+            if any(m.unrelaxed is not None for m in tied.models if m.name in names):
+                strained = motions.sensed(tied.rows_times(STRAINED, rows, names))[0]
+            total += moved[0] + motions.relaxing(model, strained)
         else:
             total += moved[1 if kind == DAMPING else 2]
     return total

@@ -43,7 +43,7 @@ from ..cholesky.factor import CholeskyFactor, InsideFactor
 from ..latin.assembly import Array, Index
 from ..propagator.interface_sweeps import NONE
 from ..propagator.lanczos import lowest_modes
-from ..propagator.model import SubstructureModel
+from ..propagator.model import SubstructureModel, relaxing_part
 from ..propagator.vibration import DENSE
 from ..time_scheme import NO_BRANCHES, MaxwellBranches
 from .dynamic_stiffness import ProjectedStiffness, pole_of
@@ -298,9 +298,9 @@ class ReducedAssembly:
 
     @cached_property
     def of_bodies(self) -> dict[str, Array]:
-        """Phi^T K Phi (m, m) of each body in the elastic modes."""
+        """Phi^T K Phi (m, m) of each body in the elastic modes, K that of its strains."""
         moved = ((model, self.tied.moved(model.name, self.elastic)) for model in self.tied.models)
-        return {model.name: np.asarray(motions.T @ (model.stiffness @ motions)) for model, motions in moved}
+        return {model.name: np.asarray(motions.T @ (relaxing_part(model) @ motions)) for model, motions in moved}
 
     @cached_property
     def poles(self) -> tuple[Array, Array]:

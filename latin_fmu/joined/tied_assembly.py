@@ -29,10 +29,13 @@ from ..interface.laws import bonds
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..laws.maxwell_joint import MaxwellJoint
 from ..propagator import SubstructureModel
+from ..propagator.model import relaxing_part
 
 STIFFNESS: Final = 0
 MASS: Final = 1
 DAMPING: Final = 2
+STRAINED: Final = 3
+"""Stiffness of the strains alone, without that of their stress."""
 _NOTHING: Final = 1e-9  # entries below this share of 1 are round-off
 _SMALL: Final = 1e-8  # of the largest, of rows that depend on each other
 _ROUNDS: Final = 5  # of choices of the dofs that follow
@@ -449,9 +452,11 @@ def _global(unit: InterfaceUnit, n_component: int) -> sp.csr_array:
 
 
 def _matrix(model: SubstructureModel, kind: int) -> sp.csr_array:
-    """STIFFNESS, MASS or DAMPING (n_full, n_full) of a body."""
+    """STIFFNESS, MASS, DAMPING or STRAINED (n_full, n_full) of a body."""
     if kind == DAMPING:
         return _viscosity(model)
+    if kind == STRAINED:
+        return relaxing_part(model)
     if kind == STIFFNESS:
         return model.stiffness
     return model.inertia

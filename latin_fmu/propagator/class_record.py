@@ -416,7 +416,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
     if not row["n_motion"]:
         return
     matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
-    matrices |= {"landing": landing, "unrelaxed": model.unrelaxed}
+    matrices |= {"landing": landing, "unrelaxed": model.unrelaxed if len(model.branches) else None}
     for name, matrix in matrices.items():
         if matrix is None:
             # a matrix without entries, so that the energies read rows of every kind

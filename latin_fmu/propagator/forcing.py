@@ -263,7 +263,7 @@ class _Motion:
         if member.mass is not None:
             self._mass = reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
-        if member.unrelaxed is not None:
+        if member.unrelaxed is not None and len(member.branches):
             self._unrelaxed = reduce @ (member.unrelaxed @ self.pattern)
         self._damping = damping_forces(member, self.pattern)
         if self._damping is not None:

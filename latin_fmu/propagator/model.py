@@ -477,7 +477,10 @@ def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) ->
 
 
 def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
-    """The part of the stiffness of the reduced dofs that has no branches, (n, n); None where all has."""
+    """The part of the stiffness of the reduced dofs that has no branches, (n, n); None where all has, and where there
+    are no branches."""
+    if not len(model.branches):
+        return None
     if model.unrelaxed is not None and "_unrelaxed" not in model.__dict__:
         model.__dict__["_unrelaxed"] = _reduced(model.expansion, model.unrelaxed)
     matrix: sp.csr_array | None = model.__dict__.get("_unrelaxed")
@@ -485,7 +488,7 @@ def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
 
 
 def relaxing_part(model: SubstructureModel) -> sp.csr_array:
-    """The part (n_full, n_full) of the stiffness on whose springs the branches act."""
+    """The part (n_full, n_full) of the stiffness that strains have, and on whose springs branches act."""
     if model.unrelaxed is None:
         return model.stiffness
     return sp.csr_array(model.stiffness - model.unrelaxed)
@@ -498,7 +501,7 @@ def operator_factors(model: SubstructureModel, scheme: TimeScheme, dt: float) ->
         factors = [mass, stiffness]
     else:
         factors = [mass, stiffness, damping]
-    if model.unrelaxed is not None:
+    if unrelaxed_part(model) is not None:
         factors.append(scheme.operator(dt)[2] - stiffness)  # it has no branches
     return factors
 

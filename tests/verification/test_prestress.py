@@ -206,6 +206,28 @@ def test_a_stack_in_contact_rings_at_the_frequency_of_its_modes(force: float, pr
     assert rung == pytest.approx(modes.frequency[0], rel=5e-3)
 
 
+@pytest.mark.parametrize("propagator", ["direct", "modal"])
+@pytest.mark.parametrize("share", [1.0, -0.5])
+def test_stress_neither_adds_to_damping_nor_takes_from_it(share: float, propagator: str) -> None:
+    """Damping by strains loses a share of the strain energy: of a string that its tension stiffens to twice the square
+    of the frequency half the ratio, of a column at half its buckling load twice."""
+    data = pinned(share * EULER).tables()
+    data["damping"] = {"ratio": 0.02, "band": [100.0, 2000.0]}
+    data["load"]["tap"] = {"face": "strip.zmax", "pressure": 10.0, "law": {"type": "half_sine", "duration": 1e-3}}
+    data["sensor"] = {"middle": {"substructure": "strip", "point": [0.0, 0.0, 0.0]}}
+    data["time"] = {"end": 60e-3, "step": 2e-5, "start": START}
+    data["solver"] = {"propagator": propagator}
+    scene = latin_fmu.scene_from_dict(data)
+    modes = latin_fmu.vibration_modes(scene, count=1)
+    assert modes.damping is not None
+    assert modes.damping.bodies[0] == pytest.approx(0.02 / (1.0 + share), rel=3e-2)
+    motion = latin_fmu.solve(scene).sensors["middle"].displacement[200:, 2]
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(motion)))) + 1
+    swings = np.abs(np.diff(motion[turns]))[:13]
+    rung = np.log(swings[0] / swings[-1]) / (np.pi * (len(swings) - 1))
+    assert rung == pytest.approx(modes.damping.bodies[0], rel=2e-2)
+
+
 def test_a_bent_column_bends_more_under_its_load() -> None:
     """The start of a strip under a force along it and one across it: the deflection grows by 1 / (1 + N / P), its
     shape that of the mode but for 1.5 %; Timoshenko and Gere, Theory of Elastic Stability, section 1.11."""
