@@ -5,7 +5,7 @@ mesh_checks            a scene against its meshes; size and locking of its bodie
 plausibility           numbers that a scene may have but hardly means
 drag, joint_rotations  damping and joints that would resist a motion of a rigid body
 release                what holds the sides of a joint together
-lost_stress            contacts that lose the forces whose stress has its stiffness
+lost_stress            stress of t = 0 that is gone at the end, or that would have righted less
 run_checks             whether the end of a run can be trusted; limits of the method
 =====================  ==================================================================
 """

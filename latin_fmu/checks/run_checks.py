@@ -47,7 +47,7 @@ from ..remarks import Remark, remarks_of
 from ..results.interface_fields import slip_in_contact
 from ..scene.readable_numbers import percent, readable
 from ..scene.units import SI, UnitSystem
-from .lost_stress import lost_stress
+from .lost_stress import lost_stress, rocking
 
 if TYPE_CHECKING:
     from .release import Release
@@ -97,6 +97,7 @@ def run_remarks(
         *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
         *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
         *remarks_of("yield", yield_remarks(problem, stresses)),
+        *remarks_of("prestress", rocking(problem, histories)),
     ]
 
 
