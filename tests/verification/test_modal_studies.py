@@ -81,6 +81,7 @@ CHANGES: dict[str, Any] = {
 OF_MODES = ["material.steel.density", "material.steel.young_modulus"]
 
 
+@pytest.mark.slow
 def test_a_run_on_the_set_up_of_another(bases: list[int]) -> None:
     """One change after the other, against runs that start from nothing: modes are looked for where they change."""
     scene = scene_from_dict(stacked())
