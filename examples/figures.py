@@ -86,6 +86,7 @@ DRAWINGS = {
     "the_paper_crushing": _script("the_paper.py"),
     "convergence_friction": _script("convergence_friction.py"),
     "static_friction": _script("static_friction.py"),
+    "prestress": _script("prestress.py", "assembly", "statics"),
     "joint_damping": _script("joint_damping.py", "assembly"),
     "thin_beam": _script("thin_beam.py", "assembly"),
     "electronics_box_parts": Drawing(

@@ -168,6 +168,15 @@ def test_estimated_error(example: ModuleType, tmp_path: Path) -> None:
         assert 0.0 < numbers[f"true_{quantity}_{mesh:g}"] < numbers[f"estimated_{quantity}_{mesh:g}"] < 0.05
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["prestress"], indirect=True)
+def test_prestress(example: ModuleType, tmp_path: Path) -> None:
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"prestress.png"}
+    assert numbers["modes against the column, %"] < 1.0
+    assert numbers["ring-down against modes, %"] < 0.5
+
+
 @pytest.mark.parametrize("example", ["joint_damping"], indirect=True)
 def test_fit_of_a_ring_down(example: ModuleType) -> None:
     time = np.linspace(0.0, 12e-3, 400)
