@@ -3,8 +3,8 @@
 Left: four slender parts on each other, held by friction under a force, tapped from the side. Modes about the pressed
 state, the ring-down of runs with contact and friction, and the exact frequency of a column whose load is the same share
 of that at which it buckles. Right: a strip between walls under heat, whose frequency falls to zero where it buckles and
-rises where it is cooled, nearly by f^2 = f_0^2 (1 - T/T_0), exact where it buckles and vibrates in one shape. Grey: without the stiffness of stress. Half a minute. Writes
-prestress.png.
+rises where it is cooled, nearly by f^2 = f_0^2 (1 - T/T_0), exact where it buckles and vibrates in one shape. Grey:
+without the stiffness of stress. Half a minute. Writes prestress.png.
 """
 
 from __future__ import annotations
