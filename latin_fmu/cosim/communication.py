@@ -63,7 +63,7 @@ from ..propagator.image import Image, pools_of
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
-from .product_tables import multiply, products, without
+from .product_tables import multiply, settled, without
 from .segments import SegmentedRun
 from .signals import Signals
 
@@ -121,7 +121,7 @@ class CommunicationRun:
     Attributes
     ----------
     image : of the run. sources, drives : inputs and own laws. steps : time steps that one call can make at most.
-    problem : what is solved.
+    problem : what is solved. products : tables of the image that a file leaves out.
 
     Raises
     ------
@@ -178,6 +178,8 @@ class CommunicationRun:
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})
         self.steps = self.image.rows - 1
+        self.image.write()
+        self.products = settled(self.image.classes, _fixed(self.image))
         self.image.call(entries.PRESENT)
 
     def set(self, name: str, value: float, rate: float) -> None:
@@ -216,10 +218,9 @@ def write(run: CommunicationRun) -> bytes:
     run_record = image.run.copy()
     run_record["callout"] = 0  # an address of this process
     records = (part.tobytes() for part in (run_record, image.classes, image.groups))
-    found = list(products(image.classes, _fixed(image)))
-    words = [product.words.tobytes() for product in found]
+    words = [product.words.tobytes() for product in run.products]
     head = header(run, sum(map(len, words)) // 8)
-    return b"".join([head, *records, *_planes(without(_fixed(image), found)), image.moving.tobytes(), *words])
+    return b"".join([head, *records, *_planes(without(_fixed(image), run.products)), image.moving.tobytes(), *words])
 
 
 def _fixed(image: Image) -> Array:

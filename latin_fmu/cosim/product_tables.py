@@ -3,7 +3,8 @@
 Of an assembly that is marched by its modes (``joined.reduced_assembly``) three tables on the relative motions have rows
 that are sums of the m rows of G, as long as there are relative motions: the rows of the stiffness lambda of zeta - G r,
 those of its damping, and the part of the factor below the modes. The first is kept, and of the others, a file has
-(k, m) factors. Numbers come back to round-off, which the march does not tell from another order of sums.
+(k, m) factors. They follow from these to round-off; a run has them as they come from the file (``settled``), so that
+a session and an FMU have the same bits.
 
 A product is ``HEAD`` words, in their order, and then its factors row by row.
 """
@@ -70,6 +71,22 @@ def products(classes: Any, fixed: Array) -> Iterator[Product]:
                 yield found
 
 
+def settled(classes: Any, fixed: Array) -> list[Product]:
+    """``products`` of a run, whose tables are set to what they give."""
+    found = list(products(classes, fixed))
+    for product in found:
+        _fill(product, fixed)
+    return found
+
+
+def _fill(product: Product, fixed: Array) -> None:
+    """Set the table of a product, in the order of sums of image.c."""
+    target = product.target.of(fixed)
+    target[:] = 0.0
+    for factors, row in zip(product.factors.T, product.source.of(fixed), strict=True):
+        target += factors[:, None] * row
+
+
 def without(fixed: Array, found: list[Product]) -> Array:
     """The fixed block with zeros in the place of products, a copy where there are some."""
     if not found:
@@ -89,7 +106,7 @@ def multiply(words: Array, fixed: Array) -> None:
         rows, columns, terms = head["rows"], head["columns"], head["terms"]
         target = Table(head["target"], head["target_row"], head["target_column"], rows, columns)
         source = Table(head["source"], head["source_row"], head["source_column"], terms, columns)
-        target.of(fixed)[:] = words[at : at + rows * terms].reshape(rows, terms) @ source.of(fixed)
+        _fill(Product(target, source, words[at : at + rows * terms].reshape(rows, terms)), fixed)
         at += rows * terms
 
 

@@ -123,10 +123,10 @@ def in_patches(matrix: Array, patches: Sequence[Index], tolerance: float, kind: 
 
 def _rounded(numbers: Array, scale: Array, error: float, n: int) -> Array:
     """Numbers rounded to whole multiples of powers of 2, so that the rounding of a matrix with n rows, over its
-    ``scale``, has at most about half the ``error`` as its norm: of n independent errors of a row 0.6 sqrt(n) of one."""
+    ``scale``, has about the ``error`` as its norm: that of n errors in a row, of one step at most, is 0.6 sqrt(n)."""
     if not numbers.size:
         return numbers
-    step = np.exp2(np.floor(np.log2(error / np.sqrt(n) * scale)))
+    step = np.exp2(np.floor(np.log2(2.0 * error / np.sqrt(n) * scale)))
     return np.asarray(np.rint(numbers / step) * step)
 
 

@@ -184,7 +184,8 @@ static int brought_together(const Image *image)
     return planes != NULL;
 }
 
-/* Tables of the fixed block that are factors times another table in it, as the end of the file has them. */
+/* Tables of the fixed block that are factors times another table in it, as the end of the file has them; products are
+   rounded before they are added, as those of a session. */
 static void multiplied(const Image *image)
 {
     enum { TARGET, TARGET_ROW, TARGET_COLUMN, ROWS, COLUMNS, SOURCE, SOURCE_ROW, SOURCE_COLUMN, TERMS, HEAD };
@@ -196,8 +197,10 @@ static void multiplied(const Image *image)
             for (int64_t j = 0; j < head[TERMS].i; j++, factor++) {
                 double *to = fixed + head[TARGET].i + i * head[TARGET_ROW].i;
                 const double *from = fixed + head[SOURCE].i + j * head[SOURCE_ROW].i;
-                for (int64_t k = 0; k < head[COLUMNS].i; k++)
-                    to[k * head[TARGET_COLUMN].i] += factor->d * from[k * head[SOURCE_COLUMN].i];
+                for (int64_t k = 0; k < head[COLUMNS].i; k++) {
+                    double part = factor->d * from[k * head[SOURCE_COLUMN].i];
+                    to[k * head[TARGET_COLUMN].i] += part;
+                }
             }
         at = factor;
     }
