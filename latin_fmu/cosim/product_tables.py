@@ -27,7 +27,7 @@ HEAD: Final = (
 """Words of a product: places of the first numbers in the fixed block, what is between rows and between columns, and
 the numbers of rows, columns and factors of a row."""
 _ROUND_OFF: Final = 1e-14  # of the largest number of a row
-_WORTH: Final = 4  # times as many numbers as factors that a table has at least
+_WORTH: Final = 3  # times as many numbers as factors that a table has at least
 
 
 class Table(NamedTuple):

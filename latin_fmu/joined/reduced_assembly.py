@@ -359,8 +359,8 @@ class ReducedAssembly:
     # -- the equations that are marched --------------------------------------------------------------------------
     @cached_property
     def marched_gamma(self) -> Array:
-        """G as it is marched, (m, n_r): sqrt(lambda) G has the digits of float32, others would make FMUs larger. What is
-        read of the motion takes the same, so that statics stay exact."""
+        """G as it is marched, (m, n_r): sqrt(lambda) G has the digits of float32, others would make FMUs larger. What
+        is read of the motion takes the same, so that statics stay exact."""
         sizes = np.sqrt(self.marched.values)[:, None]
         return (sizes * self.marched.g[:, None] * self.gamma).astype(np.float32) / sizes
 
