@@ -30,7 +30,7 @@ _ROUND_OFF: Final = 1e-14  # of the largest number of a row
 _WORTH: Final = 3  # times as many numbers as factors that a table has at least
 
 
-class Table(NamedTuple):
+class StridedTable(NamedTuple):
     """A table (rows, columns) in the fixed block: place of its first number, and what is between rows and columns."""
 
     place: int
@@ -49,8 +49,8 @@ class Table(NamedTuple):
 class Product:
     """A table that is ``factors`` (rows, terms) times a source."""
 
-    target: Table
-    source: Table
+    target: StridedTable
+    source: StridedTable
     factors: Array
 
     @property
@@ -104,25 +104,25 @@ def multiply(words: Array, fixed: Array) -> None:
         head = dict(zip(HEAD, whole[at : at + len(HEAD)].tolist(), strict=True))
         at += len(HEAD)
         rows, columns, terms = head["rows"], head["columns"], head["terms"]
-        target = Table(head["target"], head["target_row"], head["target_column"], rows, columns)
-        source = Table(head["source"], head["source_row"], head["source_column"], terms, columns)
+        target = StridedTable(head["target"], head["target_row"], head["target_column"], rows, columns)
+        source = StridedTable(head["source"], head["source_row"], head["source_column"], terms, columns)
         _fill(Product(target, source, words[at : at + rows * terms].reshape(rows, terms)), fixed)
         at += rows * terms
 
 
-def _stiffness_rows(row: Any) -> Table:
+def _stiffness_rows(row: Any) -> StridedTable:
     """Rows of the stiffness of the modes of a class on its interface dofs, which are its last."""
     n, size = int(row["n"]), int(row["n_inner"])
-    return Table(int(row["elastic_rows"]) + n - size, n, 1, int(row["n_elastic"] - row["n_inertial"]), size)
+    return StridedTable(int(row["elastic_rows"]) + n - size, n, 1, int(row["n_elastic"] - row["n_inertial"]), size)
 
 
-def _tables_beside(row: Any, fixed: Array) -> Iterator[Table]:
+def _tables_beside(row: Any, fixed: Array) -> Iterator[StridedTable]:
     """Those of damping, and those below the supernodes of the factor, of a class with a stiffness of its face."""
     n, size = int(row["n"]), int(row["n_inner"])
     if not row["on_face"] or not size or row["n_elastic"] <= row["n_inertial"]:
         return
     if row["n_viscous"]:
-        yield Table(int(row["viscous_rows"]) + n - size, n, 1, int(row["n_viscous"]), size)
+        yield StridedTable(int(row["viscous_rows"]) + n - size, n, 1, int(row["n_viscous"]), size)
     if row["single"]:
         return
     whole, count = fixed.view(np.int64), int(row["n_super"]) + 1
@@ -131,10 +131,10 @@ def _tables_beside(row: Any, fixed: Array) -> Iterator[Table]:
         width, below = int(first[s + 1] - first[s]), int(starts[s + 1] - starts[s])
         if below >= size:  # interface dofs are the last ones
             at = int(row["panels"] + places[s]) + width * (width + below - size)
-            yield Table(at, 1, width, width, size)
+            yield StridedTable(at, 1, width, width, size)
 
 
-def _product(target: Table, source: Table, fixed: Array) -> Product | None:
+def _product(target: StridedTable, source: StridedTable, fixed: Array) -> Product | None:
     """The table as a product with the source, None where it is none to round-off, or not worth it."""
     wanted, given = target.of(fixed), source.of(fixed)
     if target.columns < _WORTH * source.rows:

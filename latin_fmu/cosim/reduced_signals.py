@@ -32,7 +32,7 @@ from .drives import Drives
 from .signals import Signals
 
 _LEFT_OUT: Final = 1e-7  # of the rows of all outputs on relative motions, each of length 1: singular values below
-_ROUNDED: Final = 3e-8  # of these rows, what the digits of a combination that are left out amount to, thrice
+_ROUNDED: Final = 1e-7  # of these rows, what the digits of a combination that are left out amount to, thrice
 _READ: Final = "outputs"
 
 

@@ -8,7 +8,7 @@ import pytest
 from latin_fmu import scene_from_dict
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.communication import CommunicationRun, _from_planes, read, write
-from latin_fmu.cosim.product_tables import Product, Table, multiply, products
+from latin_fmu.cosim.product_tables import Product, StridedTable, multiply, products
 from latin_fmu.kernels.records import CLASS, GROUP, RUN
 from tests.cosim.test_modal_sessions import modal
 from tests.verification.test_modal_studies import stacked
@@ -50,8 +50,8 @@ def test_a_file_has_zeros_in_their_place_and_gives_their_bits(run: Communication
 def test_words_give_the_product_and_leave_all_else() -> None:
     """By rows and by columns; numbers before, between and behind stay."""
     rng = np.random.default_rng(1)
-    fixed, source, factors = rng.normal(size=400), Table(3, 40, 1, 3, 30), rng.normal(size=(4, 3))
-    for target in (Table(200, 1, 5, 4, 30), Table(200, 35, 1, 4, 30)):
+    fixed, source, factors = rng.normal(size=400), StridedTable(3, 40, 1, 3, 30), rng.normal(size=(4, 3))
+    for target in (StridedTable(200, 1, 5, 4, 30), StridedTable(200, 35, 1, 4, 30)):
         found, others = fixed.copy(), np.ones(400, dtype=bool)
         target.of(others)[:] = False
         multiply(Product(target, source, factors).words, found)
