@@ -7,7 +7,6 @@ scaled to a diagonal of ones, the blocks between a patch and all others are of l
 
 where the bases U_I are those of the largest singular values of A_I,others (block low rank with shared bases). Numbers
 are read once or twice per product: where the patches are far apart, a fraction of those of a triangle of the matrix.
-Those of float32 are rounded to what the tolerance asks for: files in which bits are zero are smaller.
 """
 
 from __future__ import annotations
@@ -90,50 +89,33 @@ def partition(places: Array, matrix: Array, tolerance: float) -> list[Index]:
 def in_patches(matrix: Array, patches: Sequence[Index], tolerance: float, kind: type[np.floating[Any]]) -> Patches:
     """A symmetric matrix (n, n) with a positive diagonal in ``patches``.
 
-    tolerance : singular values that are left out, and roundings of float32, over the largest eigenvalue of the matrix
-    scaled to a diagonal of ones. kind : of the numbers, float64 or float32.
+    tolerance : singular values that are left out, over the largest eigenvalue of the matrix scaled to a diagonal of
+    ones. kind : of the numbers, float64 or float32.
     """
     scale = np.sqrt(matrix.diagonal())
     order, sizes = np.concatenate(patches), [len(p) for p in patches]
     scaled = matrix[np.ix_(order, order)] / (scale[order][:, None] * scale[order])
     first = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes)])
-    largest = _norm(scaled)
-    bases = _bases(scaled, first, tolerance, largest)
+    bases = _bases(scaled, first, tolerance)
     ranks = np.array([basis.shape[1] for basis in bases], dtype=np.int64)
     parts = []
     for p, basis in enumerate(bases):
         place = slice(first[p], first[p + 1])
         weights = scale[order[place]]
-        both, of_each = weights[:, None] * weights, weights[:, None]
-        block, turned = scaled[place, place] * both, basis * of_each
-        if kind is np.float32:
-            block = _rounded(block, both, tolerance * largest, len(weights))
-            turned = _rounded(turned, of_each, tolerance, len(weights))
-        parts += [block[np.tril_indices(len(weights))], turned.T.ravel()]
+        block = scaled[place, place] * (weights[:, None] * weights)
+        parts += [block[np.tril_indices(len(weights))], (basis * weights[:, None]).T.ravel()]
     core, at = np.zeros((ranks.sum(), ranks.sum())), np.concatenate([[0], np.cumsum(ranks)])
     for p in range(len(bases)):
         for q in range(p):
             between = scaled[first[p] : first[p + 1], first[q] : first[q + 1]]
             core[at[p] : at[p + 1], at[q] : at[q + 1]] = bases[p].T @ between @ bases[q]
-    if kind is np.float32:
-        core = _rounded(core, np.ones(1), tolerance * largest, len(core))
     parts.append(core[np.tril_indices(len(core))])
     return Patches(order, first, ranks, np.concatenate(parts).astype(kind))
 
 
-def _rounded(numbers: Array, scale: Array, error: float, n: int) -> Array:
-    """Numbers rounded to whole multiples of powers of 2, so that the rounding of a matrix with n rows, over its
-    ``scale``, has about the ``error`` as its norm: that of n errors in a row, of one step at most, is 0.6 sqrt(n)."""
-    if not numbers.size:
-        return numbers
-    step = np.exp2(np.floor(np.log2(2.0 * error / np.sqrt(n) * scale)))
-    return np.asarray(np.rint(numbers / step) * step)
-
-
-def _bases(scaled: Array, first: Index, tolerance: float, largest: float) -> list[Array]:
-    """Bases (n_I, r_I) of the blocks of a scaled matrix, whose norm is the ``largest``, between each patch and all
-    others."""
-    limit, bases = tolerance * largest, []
+def _bases(scaled: Array, first: Index, tolerance: float) -> list[Array]:
+    """Bases (n_I, r_I) of the blocks of a scaled matrix between each patch and all others."""
+    limit, bases = tolerance * _norm(scaled), []
     for low, high in pairwise(first):
         others = np.delete(scaled[low:high], np.s_[low:high], axis=1)
         if not others.size:
