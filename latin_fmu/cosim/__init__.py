@@ -9,6 +9,7 @@ runtime                                 in C: functions of the FMI (fmi2.c, fmi3
                                         (states.c), files of an FMU (image.c), results (results.c)
 c_runtime, engine, handed_run           its sources; the runtime as the engine of a session; the image it takes
 communication, table_file               image and table of variables as files; both are in a compiled FMU
+product_tables                          tables of an image that follow from others, which its file leaves out
 image_maker, started_run                the image of an FMU with Python, made for the values at the start
 session, settings, scene_engine         a session, its choices and reports, the engine of its scene
 loads, drives, segments                 what is set from outside; histories from it; a run segment by segment

@@ -1,7 +1,8 @@
 """A run whose communication steps are kernels, and its image as one file that any program can map or read.
 
 The file holds records and blocks as the kernels take them, but for the bytes of the fixed block: of every ``PLANE``
-words the first bytes come first, then the second ones, ... A factor in a zip is 8 % smaller so.
+words the first bytes come first, then the second ones, ... A factor in a zip is 8 % smaller so. Tables that are
+products of others have zeros in their place, and their factors stand at the end (``product_tables``).
 
 Little endian throughout. Numbers are counted in words of 8 bytes; a place is the number of a word in the moving block.
 
@@ -12,7 +13,7 @@ bytes                   content
 8 to 8 + 8 x 32         int64 words, ``WORDS`` in their order, zeros behind them
 264 to 264 + 8 x 8      float64 words, ``NUMBERS`` in their order, zeros behind them
 from 328 on             the record of the run, the records of the classes, those of the groups (each array padded to
-                        8 bytes), the fixed block by planes, the moving block
+                        8 bytes), the fixed block by planes, the moving block, the products
 ======================  ==============================================================================================
 
 The entry of the library of kernels, ``kernels_entries_call_0(slots, result)``, takes slots of 8 bytes: nine arrays,
@@ -62,11 +63,12 @@ from ..propagator.image import Image, pools_of
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
+from .product_tables import multiply, settled, without
 from .segments import SegmentedRun
 from .signals import Signals
 
 MAGIC: Final = b"LATINIMG"
-VERSION: Final = 2
+VERSION: Final = 3
 PLANE: Final = 1 << 16
 WORDS: Final = (
     "version",
@@ -99,6 +101,7 @@ WORDS: Final = (
     "derive",
     "depth_at",  # byte of the number of differences of the acceleration in the record of the run
     "relaxation_at",  # likewise of the relaxation
+    "n_product",  # words of the products
 )
 """Words of the header."""
 NUMBERS: Final = ("dt", "end")
@@ -118,7 +121,7 @@ class CommunicationRun:
     Attributes
     ----------
     image : of the run. sources, drives : inputs and own laws. steps : time steps that one call can make at most.
-    problem : what is solved.
+    problem : what is solved. products : tables of the image that a file leaves out.
 
     Raises
     ------
@@ -175,6 +178,8 @@ class CommunicationRun:
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})
         self.steps = self.image.rows - 1
+        self.image.write()
+        self.products = settled(self.image.classes, _fixed(self.image))
         self.image.call(entries.PRESENT)
 
     def set(self, name: str, value: float, rate: float) -> None:
@@ -213,7 +218,9 @@ def write(run: CommunicationRun) -> bytes:
     run_record = image.run.copy()
     run_record["callout"] = 0  # an address of this process
     records = (part.tobytes() for part in (run_record, image.classes, image.groups))
-    return b"".join([header(run), *records, *_planes(_fixed(image)), image.moving.tobytes()])
+    words = [product.words.tobytes() for product in run.products]
+    head = header(run, sum(map(len, words)) // 8)
+    return b"".join([head, *records, *_planes(without(_fixed(image), run.products)), image.moving.tobytes(), *words])
 
 
 def _fixed(image: Image) -> Array:
@@ -221,8 +228,9 @@ def _fixed(image: Image) -> Array:
     return image.fixed[: image.n_fixed]
 
 
-def header(run: CommunicationRun) -> bytes:
-    """Magic, words and numbers at the beginning of the file of a run whose records are up to date."""
+def header(run: CommunicationRun, n_product: int = 0) -> bytes:
+    """Magic, words and numbers at the beginning of the file of a run whose records are up to date; ``n_product`` :
+    words of its products."""
     image = run.image
     record, fixed = image.run[0], _fixed(image)
     words: dict[str, int] = {
@@ -247,6 +255,7 @@ def header(run: CommunicationRun) -> bytes:
         "depth_at": cast(Any, RUN.fields)["depth"][1],
         "relaxation_at": cast(Any, RUN.fields)["relaxation"][1],
         "run_digest": _digest(),
+        "n_product": n_product,
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}
     places = np.zeros(_N_WORD, dtype="<i8")
@@ -289,6 +298,7 @@ def read(content: bytes) -> tuple[dict[str, int], dict[str, float], Pools]:
         (GROUP, words["n_group"]),
         (np.dtype(np.float64), words["n_fixed"]),
         (np.dtype(np.float64), words["n_moving"]),
+        (np.dtype(np.float64), words["n_product"]),
     )
     if len(content) != start + sum(kind.itemsize * n for kind, n in sizes):
         raise _unreadable("is cut off or too long")
@@ -297,6 +307,7 @@ def read(content: bytes) -> tuple[dict[str, int], dict[str, float], Pools]:
         arrays.append(np.frombuffer(content, kind, n, start).copy())  # what ``frombuffer`` gives is read only
         start += kind.itemsize * n
     arrays[3] = _from_planes(arrays[3])
+    multiply(arrays.pop(), arrays[3])
     pools = pools_of(*arrays)
     return words, dict(zip(NUMBERS, map(float, numbers), strict=True)), pools
 

@@ -32,6 +32,7 @@ from .drives import Drives
 from .signals import Signals
 
 _LEFT_OUT: Final = 1e-7  # of the rows of all outputs on relative motions, each of length 1: singular values below
+_ROUNDED: Final = 1e-7  # of these rows, what the digits of a combination that are left out amount to, thrice
 _READ: Final = "outputs"
 
 
@@ -102,9 +103,11 @@ def _combinations(relative: Array) -> tuple[Array, Array]:
     if not there.any():
         return np.zeros((len(relative), 0)), np.zeros((0, relative.shape[1]))
     _, values, vectors = np.linalg.svd(relative[there] / sizes[there, None], full_matrices=False)
-    # digits beyond single precision would double the size of an FMU
-    vectors = vectors[values > _LEFT_OUT].astype(np.float32).astype(float)
-    return relative @ vectors.T, vectors
+    vectors = vectors[values > _LEFT_OUT]
+    # digits that no row tells would double the size of an FMU: those of small singular values, and beyond float32
+    steps = _ROUNDED / np.sqrt(relative.shape[1]) / values[: len(vectors), None]
+    steps = np.exp2(np.floor(np.log2(np.maximum(steps, np.finfo(np.float32).eps * np.abs(vectors)))))
+    return relative @ vectors.T, np.rint(vectors / steps) * steps
 
 
 class ReducedSignals(Signals):

@@ -359,8 +359,10 @@ class ReducedAssembly:
     # -- the equations that are marched --------------------------------------------------------------------------
     @cached_property
     def marched_gamma(self) -> Array:
-        """G as it is marched, (m, n_r)."""
-        return self.marched.g[:, None] * self.gamma
+        """G as it is marched, (m, n_r): sqrt(lambda) G has the digits of float32, others would make FMUs larger. What
+        is read of the motion takes the same, so that statics stay exact."""
+        sizes = np.sqrt(self.marched.values)[:, None]
+        return (sizes * self.marched.g[:, None] * self.gamma).astype(np.float32) / sizes
 
     @cached_property
     def inertia(self) -> RigidInertia:
@@ -427,10 +429,13 @@ def marched_rows(reduced: ReducedAssembly) -> Array:
     """Rows (m + j, n_mode + n_r): E of the stiffness E^T E of the modes, lambda on zeta - G r, then inertia of r
     in steps dt (``kernels.face``)."""
     first = reduced.rigid.shape[1]
-    elastic = np.hstack([np.zeros((len(reduced.values), first)), np.eye(len(reduced.values)), -reduced.marched_gamma])
+    sizes = np.sqrt(reduced.marched.values)
+    # as it was rounded
+    coupling = (sizes[:, None] * reduced.marched_gamma).astype(np.float32)
+    elastic = np.hstack([np.zeros((len(sizes), first)), np.diag(sizes), -coupling])
     inertia = reduced.inertia.rows
-    inertial = np.hstack([np.zeros((len(inertia), reduced.n_mode)), inertia / reduced.dt])
-    return np.vstack([np.sqrt(reduced.marched.values)[:, None] * elastic, inertial])
+    inertial = np.hstack([np.zeros((len(inertia), reduced.n_mode)), (inertia / reduced.dt).astype(np.float32)])
+    return np.vstack([elastic, inertial])
 
 
 def strain_rows(reduced: ReducedAssembly) -> Array | None:

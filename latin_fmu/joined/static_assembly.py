@@ -10,6 +10,10 @@ a single factor of the whole assembly: bonds are not iterated, a load reaches ev
 coarse problem is needed. It is that of one substructure whose points meet the ground (``propagator.static``), with the
 traction on side E and the motion of E over E'. Laws act point by point as they do between bodies.
 
+Up to ``MOST_CHANNELS`` channels the relative motions are dofs themselves, x = Q q + R r + D d, eliminated last: what is
+left is a dense matrix of r alone, which many static problems of one set-up share, and with which an iteration takes a
+sixth of the time of a substitution. Beyond, and where contacts hold nodes twice, r follows from the dofs of the bodies.
+
 The springs are the stiffness of a point of its size, E sqrt(a) per point of area a, of both sides in series; those of
 elastic layers are the layers themselves, which one iteration solves then.
 """
@@ -18,24 +22,139 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.body import Body, body_sides, consecutive
-from ..assembly.models import ModelClass
+from ..assembly.models import Kept, ModelClass
 from ..fem.dissection import dissected
 from ..interface.laws import bonds
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
-from .tied_assembly import Joints, channel_trace, eliminated, joint_rows, jump_rows
+from ..propagator.model import closest_reduced
+from .tied_assembly import Joints, TieError, channel_trace, eliminated, joint_rows, jump_rows
 
 NAME: Final = "assembly"
 """Name of the one substructure."""
+MOST_CHANNELS: Final = 4000
+"""Of the relative motions that are dofs: a dense matrix of 128 MB, which takes two seconds."""
 _STIFFEST: Final = 30.0
 """Times the stiffness of a point up to which the springs are those of a layer: beyond, layers are as rigid as bonds."""
+
+
+@dataclass(frozen=True)
+class StaticShapes:
+    """Motions of an assembly without inertia, whose loads and laws may differ.
+
+    Attributes
+    ----------
+    expansion : (n_full, n) of all bodies by the dofs. driven : (n_full, n_motion) shapes of driven faces. stiffness :
+    (n, n), N m-1. jump : (n_channel, n_full) relative motions. free : numbers of the first dofs among the reduced dofs
+    of all bodies. there : channels whose relative motions are the other dofs; None where these follow from the first.
+    ordering : interface dofs, their trace, elimination order and parts of the dissection, once they were found.
+    """
+
+    expansion: sp.csr_array
+    driven: Array
+    stiffness: sp.csr_array
+    jump: sp.csr_array
+    free: Index
+    there: Index | None
+    ordering: dict[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        classes: Sequence[ModelClass], units: Sequence[InterfaceUnit], layout: Layout, trace: sp.csr_array
+    ) -> StaticShapes:
+        """Of an assembly with the ``trace`` (n_flat, n_full) to its channels.
+
+        Raises
+        ------
+        TieError : bonds between faces that are driven apart.
+        """
+        bonded, relative = _bonded_and_relative(units)
+        jumps = [sp.csr_array((0, trace.shape[1])), *(jump_rows(layout, trace, i) for i in relative)]
+        jump = sp.csr_array(sp.vstack(jumps))
+        if relative and few_contacts(units):
+            try:
+                return _shapes(classes, joint_rows(units, layout, trace, Joints(bonded, (), relative))[:2], jump, True)
+            except TieError:
+                # contacts that hold nodes twice have no relative motions of their own
+                pass
+        return _shapes(classes, joint_rows(units, layout, trace, Joints(bonded, (), ()))[:2], jump, False)
+
+    def model(self, models: Sequence[SubstructureModel], areas: Array, bodies: Mapping[str, Body]) -> SubstructureModel:
+        """The assembly as one substructure; ``areas`` (n_channel,) of the channels, m2."""
+        where, n_full = consecutive({m.name: m.n_full for m in models})
+        model = SubstructureModel(
+            name=NAME,
+            mass=None,
+            damping=None,
+            stiffness=sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr")),
+            expansion=self.expansion,
+            trace=self.jump,
+            channel_area=areas,
+            loads=joined_loads(models, where, n_full),
+            # set by ``static_run``, which knows which dofs are left
+            displacement=np.zeros(n_full),
+            velocity=np.zeros(n_full),
+            imposed_pattern=self.driven,
+            imposed_start=np.concatenate([np.zeros(0), *(m.imposed_start for m in models)]),
+            swept=self.there is None and bool(self.jump.shape[0]),
+            store=models[0].store,
+        )
+        model.__dict__["reduced_stiffness"] = self.stiffness
+        if self.there is not None:
+            n, size = self.expansion.shape[1], len(self.there)
+            last = np.arange(n - size, n)
+            rows = sp.coo_array((np.ones(size), (self.there, last)), shape=(self.jump.shape[0], n))
+            model.__dict__["reduced_trace"] = sp.csr_array(rows)
+        if not self.ordering:
+            ordered(model, models, bodies)
+            self.ordering.update({name: model.__dict__.get(name) for name in ("at_interface", "reduced_parts")})
+        model.__dict__.update(self.ordering)
+        return model
+
+
+def _shapes(
+    classes: Sequence[ModelClass], joints: tuple[sp.csr_array, sp.csr_array], jump: sp.csr_array, related: bool
+) -> StaticShapes:
+    """Motions of the bodies by the dofs that are left with ``joints``, rows and their weights; ``related`` : whether
+    relative motions are dofs."""
+    models = [m for c in classes for m in c.members]
+    expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
+    driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
+    # members of a class have equal matrices, which are reduced once
+    stiffness = sp.block_diag([c.members[0].reduced_stiffness for c in classes for _ in c.members], format="csr")
+    free, there = np.arange(expansion.shape[1], dtype=np.int64), None
+    rows, weights = joints
+    if rows.shape[0]:
+        found = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
+        parts, free = [found.q_part], found.free
+        if related:
+            there = np.flatnonzero(found.exists)
+            parts.append(sp.csr_array(found.r_part[:, there]))
+        both = sp.csr_array(sp.hstack(parts))
+        driven = driven + expansion @ found.driven
+        expansion, stiffness = sp.csr_array(expansion @ both), sp.csr_array(both.T @ stiffness @ both)
+    stiffness = sp.csr_array(stiffness)
+    stiffness.sort_indices()
+    return StaticShapes(expansion, driven, stiffness, jump, free, there)
+
+
+def few_contacts(units: Sequence[InterfaceUnit]) -> bool:
+    """Whether the relative motions of contacts and layers are so few that they are dofs."""
+    _, relative = _bonded_and_relative(units)
+    return sum(units[i].geometry.n_point * units[i].behaviour.n_component for i in relative) <= MOST_CHANNELS
+
+
+def _bonded_and_relative(units: Sequence[InterfaceUnit]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Numbers of the interfaces that are eliminated, and of those with relative motions."""
+    bonded = tuple(i for i, unit in enumerate(units) if bonds(unit.behaviour))
+    return bonded, tuple(i for i in range(len(units)) if i not in bonded)
 
 
 @dataclass(frozen=True)
@@ -45,16 +164,16 @@ class StaticAssembly:
     Attributes
     ----------
     models : of the bodies. where : slices of their full dofs among those of all. model : the one substructure, with the
-    full dofs of all bodies. free : (n,) numbers of its dofs q among the reduced dofs of all bodies. trace : (n_flat,
-    n_full) from the full dofs to the channels of all interfaces. bonded, relative : numbers of the interfaces that are
-    eliminated, and of those with relative motions. units : the latter, against ground. springs : (n_channel,) of the
-    search direction, Pa m-1. key : of what the operators depend on.
+    full dofs of all bodies. shapes : what its dofs are. trace : (n_flat, n_full) from the full dofs to the channels of
+    all interfaces. bonded, relative : numbers of the interfaces that are eliminated, and of those with relative
+    motions. units : the latter, against ground. springs : (n_channel,) of the search direction, Pa m-1. key : of what
+    the operators depend on.
     """
 
     models: list[SubstructureModel]
     where: Mapping[str, slice]
     model: SubstructureModel
-    free: Index
+    shapes: StaticShapes
     trace: sp.csr_array
     bonded: tuple[int, ...]
     relative: tuple[int, ...]
@@ -65,9 +184,14 @@ class StaticAssembly:
 
     @staticmethod
     def of(
-        classes: Sequence[ModelClass], units: Sequence[InterfaceUnit], layout: Layout, bodies: Mapping[str, Body]
+        classes: Sequence[ModelClass],
+        units: Sequence[InterfaceUnit],
+        layout: Layout,
+        bodies: Mapping[str, Body],
+        operators: Kept | None = None,
     ) -> StaticAssembly:
-        """The assembly of classes of bodies and interfaces.
+        """The assembly of classes of bodies and interfaces. operators : by ``key``, of equal assemblies, whose shapes
+        are used again and added to.
 
         Raises
         ------
@@ -76,53 +200,27 @@ class StaticAssembly:
         models = [m for c in classes for m in c.members]
         where, n_full = consecutive({m.name: m.n_full for m in models})
         trace = channel_trace(classes, layout, where, n_full)
-        bonded = tuple(i for i, unit in enumerate(units) if bonds(unit.behaviour))
-        relative = tuple(i for i in range(len(units)) if i not in bonded)
-        expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
-        driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
-        # members of a class have equal matrices, which are reduced once
-        stiffness = sp.block_diag([c.members[0].reduced_stiffness for c in classes for _ in c.members], format="csr")
-        free = np.arange(expansion.shape[1], dtype=np.int64)
-        if bonded:
-            rows, weights, _ = joint_rows(units, layout, trace, Joints(bonded, (), ()))
-            elimination = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
-            driven = driven + expansion @ elimination.driven
-            expansion, stiffness = (
-                sp.csr_array(expansion @ elimination.q_part),
-                sp.csr_array(elimination.q_part.T @ stiffness @ elimination.q_part),
-            )
-            free = elimination.free
-        stiffness = sp.csr_array(stiffness)
-        stiffness.sort_indices()
-        against = [against_ground(units[i]) for i in relative]
-        inner_layout = Layout(against)
-        jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in relative)]
-        jump = sp.csr_array(sp.vstack(jumps))
+        bonded, relative = _bonded_and_relative(units)
         channels = np.concatenate([np.zeros(0, dtype=np.int64), *(layout.channels(i, 0).ravel() for i in relative)])
-        areas = layout.area[channels]
-        model = SubstructureModel(
-            name=NAME,
-            mass=None,
-            damping=None,
-            stiffness=sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr")),
-            expansion=expansion,
-            trace=jump,
-            channel_area=areas,
-            loads=joined_loads(models, where, n_full),
-            # set by ``static_run``, which knows which dofs are left
-            displacement=np.zeros(n_full),
-            velocity=np.zeros(n_full),
-            imposed_pattern=driven,
-            imposed_start=np.concatenate([np.zeros(0), *(m.imposed_start for m in models)]),
-            swept=bool(relative),
-            store=models[0].store,
-        )
-        model.__dict__["reduced_stiffness"] = stiffness
-        ordered(model, models, bodies)
         springs = point_springs(units, layout, bodies)[channels]
+        key = _key(models, units, trace, springs)
+        kept = [] if operators is None else operators.setdefault(b"shapes " + key, [])
+        if not kept:
+            kept.append((0.0, StaticShapes.of(classes, units, layout, trace)))
+        shapes: StaticShapes = kept[0][1]
+        model = shapes.model(models, layout.area[channels], bodies)
+        against = [against_ground(units[i]) for i in relative]
         return StaticAssembly(
-            models, where, model, free, trace, bonded, relative, against, inner_layout, springs, _key(classes, units)
+            models, where, model, shapes, trace, bonded, relative, against, Layout(against), springs, key
         )
+
+    def reduced(self, full: Array) -> Array:
+        """Dofs (n,) of displacements (n_full,) of all bodies, those of driven faces taken away."""
+        parts = [closest_reduced(m.expansion, full[self.where[m.name], None]) for m in self.models]
+        first: Array = np.concatenate(parts)[self.shapes.free]
+        if self.shapes.there is None:
+            return first
+        return np.concatenate([first, (self.shapes.jump @ full)[self.shapes.there, None]])
 
     @property
     def joints(self) -> Joints:
@@ -212,11 +310,27 @@ def _of_layer(unit: InterfaceUnit, springs: Array) -> Array:
     return np.where(layer > 0.0, np.minimum(layer, _STIFFEST * springs), springs)
 
 
-def _key(classes: Sequence[ModelClass], units: Sequence[InterfaceUnit]) -> bytes:
-    """Equal for assemblies of equal bodies and joints."""
+def _key(
+    models: Sequence[SubstructureModel], units: Sequence[InterfaceUnit], trace: sp.csr_array, springs: Array
+) -> bytes:
+    """Equal for assemblies of equal bodies and joints, which may differ in loads and in laws of contacts."""
     digest = hashlib.sha256()
-    for c in classes:
-        digest.update(repr([m.name for m in c.members]).encode() + c.key)
+    for m in models:
+        digest.update(repr((m.name, m.n_full, m.expansion.shape)).encode())
+        for part in (m.stiffness, m.expansion, m.imposed_pattern, m.positions):
+            _add(digest, part)
     for unit in units:
-        digest.update(repr((unit.name, unit.sides, unit.behaviour)).encode())
+        digest.update(repr((unit.name, unit.sides, unit.behaviour.n_component, bonds(unit.behaviour))).encode())
+        for array in (unit.geometry.areas, unit.geometry.frames):
+            _add(digest, array)
+    _add(digest, trace)
+    _add(digest, springs)
     return digest.digest()
+
+
+def _add(digest: Any, part: sp.csr_array | Array | None) -> None:
+    """Add the numbers of a matrix to a digest."""
+    arrays = (part.indptr, part.indices, part.data) if isinstance(part, sp.csr_array) else (part,)
+    for array in arrays:
+        if array is not None:
+            digest.update(np.ascontiguousarray(array).tobytes())

@@ -79,9 +79,12 @@ class SlidingStart:
         w = image.field("w", image.n_flat).copy()
         self._far = [g.block(w + stages.made_up())[1] for g in self._groups]
         ops = propagator.operators
-        gain, area = ops.compliance.gain, ops.area
+        area = ops.area
         self._free, self._area = w[self._channels], area
-        response = applied(ops.factor, ops.trace, gain, np.diag(area))
+        if propagator.swept:
+            response = applied(ops.factor, ops.trace, ops.compliance.gain, np.diag(area))
+        else:
+            response = ops.admittance
         self._response: Array = response
         # of the run, one for both tangents
         self._springs: Array = direction.k[self._channels]

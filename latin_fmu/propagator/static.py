@@ -129,19 +129,36 @@ class _Moving:
 
 
 def build_joined_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
-    """Operators of an assembly that is one swept model: its factor on the ``springs`` (n_channel,), Pa m-1, of
-    the search direction itself, which are those of single points, and nothing more."""
-    pattern, area = DashpotPattern(model), model.channel_area
+    """Operators of an assembly that is one model: its factor on the ``springs`` (n_channel,), Pa m-1, of the search
+    direction itself, which are those of single points, and of a swept model nothing more."""
+    area = model.channel_area
     dofs, trace, _ = model.at_interface
-
-    def factor_on(own_springs: Array) -> CholeskyFactor:
-        return pattern.factor([1.0], area * own_springs, np.float64)
-
-    factor: Any = factor_on(springs)
     moves = np.diff(trace.indptr) > 0
-    direction = np.where(moves, springs, 0.0)
-    same = (model.reduced_stiffness, factor, dofs, trace, model.spread, area, springs, direction)
-    return StaticOperators(*same, _Moving(moves, 1.0 / dt), factor_on, model.store)
+    direction, factor_on = np.where(moves, springs, 0.0), None
+    factor: Any
+    compliance: Any
+    if model.swept:
+        factor_on = _factors(model, DashpotPattern(model))
+        factor, compliance = factor_on(springs), _Moving(moves, 1.0 / dt)
+    else:
+        factor, compliance = _dense(model, springs, dt)
+    same = (model.reduced_stiffness, factor, dofs, trace, model.spread, area, springs, direction, compliance)
+    return StaticOperators(*same, factor_on, model.store)
+
+
+def _factors(model: SubstructureModel, pattern: DashpotPattern) -> Callable[[Array], CholeskyFactor]:
+    """Factors of a swept model on springs (n_channel,), Pa m-1, of one ``pattern``."""
+    return lambda springs: pattern.factor([1.0], model.channel_area * springs, np.float64)
+
+
+def _dense(model: SubstructureModel, springs: Array, dt: float) -> tuple[CholeskyFactor, Array]:
+    """Factor on springs (n_channel,), Pa m-1, interface dofs last, and the compliance of the channels on them."""
+    _, trace, rank = model.at_interface
+    dofs, whole = model.at_interface[0], sp.csc_array(model.reduced_trace)
+    support = sp.csr_array(whole.T @ sp.diags_array(model.channel_area * springs) @ whole)
+    factor = CholeskyFactor(sp.csr_array(model.reduced_stiffness + support), dofs, rank, store=model.store)
+    dense = trace @ (trace @ factor.schur_inverse).T / dt
+    return factor, 0.5 * (dense + dense.T)
 
 
 def build_static_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
@@ -152,27 +169,20 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
     the others on the springs, which is at hand and takes as many iterations.
     """
     stiffness, area = model.reduced_stiffness, model.channel_area
-    dofs, trace, rank = model.at_interface
+    dofs, trace, _ = model.at_interface
     factor_on: Callable[[Array], CholeskyFactor] | None = None
     factor: Any
     if model.swept:
         pattern = DashpotPattern(model)
-
-        def factor_on(own_springs: Array) -> CholeskyFactor:
-            return pattern.factor([1.0], area * own_springs, np.float64)
-
+        factor_on = _factors(model, pattern)
         factor = factor_on(springs)
         compliance: Any = InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern)
         alone = dt * area * compliance.diagonal()
         local = np.divide(1.0, alone, out=np.zeros_like(alone), where=alone > STILL * alone.max(initial=0.0))
     else:
-        whole = sp.csc_array(model.reduced_trace)
-        support = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
-        factor = CholeskyFactor(sp.csr_array(stiffness + support), dofs, rank, store=model.store)
+        factor, compliance = _dense(model, springs, dt)
         # rows of T S T^T on themselves, without the springs k_0 in S
         local = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
-        dense = trace @ (trace @ factor.schur_inverse).T / dt
-        compliance = 0.5 * (dense + dense.T)
     moves = np.diff(trace.indptr) > 0
     local = without_round_off(np.where(moves, np.maximum(local, springs), 0.0))  # a rigid body has none of its own
     direction = _POINTS * np.sqrt(springs * local)
@@ -248,12 +258,17 @@ class StaticPropagator(Propagator):
 
     def _condense(self, k: Array) -> Array | CholeskyFactor:
         """Y = T (S + T^T a k/dt T)^-1 T^T / dt."""
-        if self.operators.factor_on is not None:
-            springs = self.operators.springs
-            if self.joined and np.allclose(k / self.dt, springs, rtol=1e-12, atol=0.0):
-                assert isinstance(self.operators.factor, CholeskyFactor)
-                return self.operators.factor
-            return self.operators.factor_on(k / self.dt)
+        ops = self.operators
+        if self.joined and np.allclose(k / self.dt, ops.direction, rtol=1e-12, atol=0.0):
+            # made on these springs
+            assert isinstance(ops.factor, CholeskyFactor)
+            if ops.factor_on is not None:
+                return ops.factor
+            self._spring_inverse = ops.factor.schur_inverse
+            compliance: Array = ops.compliance
+            return compliance
+        if ops.factor_on is not None:
+            return ops.factor_on(k / self.dt)
         trace = self.operators.trace
         self._spring_inverse = self.operators.on_springs(k / self.dt)
         condensed: Array = trace @ (trace @ self._spring_inverse).T / self.dt

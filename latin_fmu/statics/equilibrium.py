@@ -1,8 +1,10 @@
-"""A static problem solved to the end of its increments: body by body, or over the whole assembly at once.
+"""A static problem solved to the end of its increments: over the whole assembly at once, or body by body.
 
-Bodies are solved one by one, as their operators are at hand for the motion that follows. Where that finds no
-equilibrium, as for frames whose columns slide far, the linear stage is that over the whole assembly (``static_run``);
-not where derivatives need what was solved of each body, and where the assembly has no such form.
+Over the whole assembly (``static_run``) bonds are not iterated, and where the relative motions of its contacts are dofs
+an iteration is a product with one dense matrix, which problems of one set-up share: this comes first. Bodies are solved
+one by one where there are more contacts; where bolts are tightened in many orders, each of which changes the stiffness
+of its own bolts, and so of the whole; where derivatives need what was solved of each body; and where the assembly has
+no such form. What finds no equilibrium in one way is tried in the other.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept
 from ..assembly.problem import DiscretisedProblem, SolverReadyProblem
 from ..errors import SolverError
+from ..joined.static_assembly import StaticAssembly, few_contacts
 from ..joined.tied_assembly import TieError
 from ..latin.outcome import Timings
 from ..latin.settings import SolverSettings
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     from .static_run import StaticMarch
 
 _UNSEEN: Final = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
+_ORDERS: Final = 2  # of bolts, up to which an assembly is factorised anew for each
 TIGHT: Final = 1e-11, 1e-9
 """Tolerances of the static solution; twice what was reached where round-off prevents both."""
 
@@ -96,16 +100,46 @@ def equilibrium(
 ) -> Equilibrium:
     """The static problem solved from an initial state; its run has not converged where no tolerance is reached, that of
     the ``settings`` of the scene neither. ``bodies`` : whether they are solved one by one alone."""
-    found = _solved(lambda: discretised.build(start, operators), settings)
-    if found.run.status()[0] or bodies:
-        return found
-    try:
-        whole = equilibrium_at_once(discretised, start, settings, operators)
-    except (TieError, SolverError):
-        return found
-    if whole.run.status()[0]:
+
+    def one_by_one() -> Equilibrium:
+        return _solved(lambda: discretised.build(start, operators), settings)
+
+    if bodies:
+        return one_by_one()
+    found = None
+    orders = {cut.table.order for cut in discretised.cuts.values()}
+    related = len(orders) <= _ORDERS and few_contacts(discretised.units)
+    if related:
+        found = _over_all(discretised, start, settings, operators, related)
+        if found is not None and found.run.status()[0]:
+            return found
+    alone = one_by_one()
+    if alone.run.status()[0] or found is not None:
+        return alone
+    whole = _over_all(discretised, start, settings, operators)
+    if whole is not None and whole.run.status()[0]:
         return whole
-    return found
+    return alone
+
+
+def _over_all(
+    discretised: DiscretisedProblem,
+    start: InitialState | None,
+    settings: SolverSettings,
+    operators: Kept,
+    related: bool = False,
+) -> Equilibrium | None:
+    """The static problem solved over the whole assembly; None where it has no such form, or with ``related`` none with
+    the relative motions of its contacts as dofs."""
+    from .static_run import static_assembly
+
+    try:
+        assembly = static_assembly(discretised, operators)
+        if related and assembly.model.swept:
+            return None
+        return _whole(assembly, discretised, start, settings, operators)
+    except (TieError, SolverError):
+        return None
 
 
 def equilibrium_at_once(
@@ -117,9 +151,20 @@ def equilibrium_at_once(
     ------
     TieError : bonds that cannot be eliminated. SolverError : an assembly that nothing holds, or that has buckled.
     """
-    from .static_run import static_assembly, static_march
+    from .static_run import static_assembly
 
-    assembly = static_assembly(discretised)
+    return _whole(static_assembly(discretised, operators), discretised, start, settings, operators)
+
+
+def _whole(
+    assembly: StaticAssembly,
+    discretised: DiscretisedProblem,
+    start: InitialState | None,
+    settings: SolverSettings,
+    operators: Kept,
+) -> Equilibrium:
+    from .static_run import static_march
+
     return _solved(lambda: static_march(discretised, start, assembly, operators), settings)
 
 

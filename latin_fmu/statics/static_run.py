@@ -20,7 +20,6 @@ from ..latin.probes import OutputRequest
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
 from ..propagator import StaticPropagator
-from ..propagator.model import closest_reduced
 from ..time_scheme import QuasiStatic
 
 
@@ -94,9 +93,10 @@ class StaticMarch:
         return BondForces(self.whole.bonded, self.problem.layout, self.whole.trace, expansion)
 
 
-def static_assembly(problem: DiscretisedProblem) -> StaticAssembly:
-    """The assembly of a static problem as one substructure. Raises TieError : bonds that cannot be eliminated."""
-    return StaticAssembly.of(problem.classes, problem.units, problem.layout, problem.bodies)
+def static_assembly(problem: DiscretisedProblem, operators: Kept | None = None) -> StaticAssembly:
+    """The assembly of a static problem as one substructure; ``operators`` as for ``StaticAssembly.of``. Raises
+    TieError : bonds that cannot be eliminated."""
+    return StaticAssembly.of(problem.classes, problem.units, problem.layout, problem.bodies, operators)
 
 
 def static_march(
@@ -147,8 +147,7 @@ def _displace(whole: StaticAssembly, one: StaticPropagator, start: Mapping[str, 
     full = np.concatenate([start.get(m.name, m.displacement) for m in whole.models]) - one.forcing.imposed_u(0)[:, 0]
     if not full.any():
         return
-    parts = [closest_reduced(m.expansion, full[whole.where[m.name], None]) for m in whole.models]
-    u = np.concatenate(parts)[whole.free]
+    u = whole.reduced(full)
     one.state.set(u, np.zeros_like(u))
 
 

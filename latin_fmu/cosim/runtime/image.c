@@ -184,6 +184,28 @@ static int brought_together(const Image *image)
     return planes != NULL;
 }
 
+/* Tables of the fixed block that are factors times another table in it, as the end of the file has them; products are
+   rounded before they are added, as those of a session. */
+static void multiplied(const Image *image)
+{
+    enum { TARGET, TARGET_ROW, TARGET_COLUMN, ROWS, COLUMNS, SOURCE, SOURCE_ROW, SOURCE_COLUMN, TERMS, HEAD };
+    double *fixed = (double *)image->fixed;
+    const Word *at = image->products, *end = at + image->head[M_N_PRODUCT].i;
+    while (at < end) {
+        const Word *head = at, *factor = at + HEAD;
+        for (int64_t i = 0; i < head[ROWS].i; i++)
+            for (int64_t j = 0; j < head[TERMS].i; j++, factor++) {
+                double *to = fixed + head[TARGET].i + i * head[TARGET_ROW].i;
+                const double *from = fixed + head[SOURCE].i + j * head[SOURCE_ROW].i;
+                for (int64_t k = 0; k < head[COLUMNS].i; k++) {
+                    double part = factor->d * from[k * head[SOURCE_COLUMN].i];
+                    to[k * head[TARGET_COLUMN].i] += part;
+                }
+            }
+        at = factor;
+    }
+}
+
 static void understood_head(Image *image)
 {
     image->n_output = image->head[M_N_OUTPUT].i;
@@ -199,16 +221,18 @@ static int understood(Image *image, size_t n_word)
     if (n_word < M_HEADER || memcmp(head, "LATINIMG", 8) != 0) return 0;
     /* sizes of records are bytes */
     int64_t words[] = {head[M_RUN_SIZE].i / 8, head[M_N_CLASS].i * head[M_CLASS_SIZE].i / 8,
-                       head[M_N_GROUP].i * head[M_GROUP_SIZE].i / 8, head[M_N_FIXED].i, head[M_N_MOVING].i};
+                       head[M_N_GROUP].i * head[M_GROUP_SIZE].i / 8, head[M_N_FIXED].i, head[M_N_MOVING].i,
+                       head[M_N_PRODUCT].i};
     uint64_t at = M_HEADER;
     size_t shift = (8 - (size_t)(M_HEADER + words[0] + words[1] + words[2]) % 8) % 8; /* the fixed block on a line of the cache */
     memmove(image->head + shift, head, 8 * n_word);
     head = image->head += shift;
     image->shift = shift;
-    for (int i = 0; i < 5; i++) {
+    for (int i = 0; i < 6; i++) {
         if (i < 3) image->records[i] = (const char *)(head + at);
         if (i == 3) image->fixed = &head[at].d;
         if (i == 4) image->moving = &head[at].d;
+        if (i == 5) image->products = head + at;
         at += (uint64_t)words[i];
     }
     understood_head(image);
@@ -241,8 +265,11 @@ static int checked(Image *image, const char *folder, char *trouble, size_t size)
     image->head = words_of(folder, image_file, &n_word, trouble, size);
     if (image->head == NULL) return 0;
     /* the table has its own checksum and that of the image: files of two FMUs do not fit each other */
-    if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word))
-        return brought_together(image) || (snprintf(trouble, size, "no memory for the FMU"), 0);
+    if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word)) {
+        if (!brought_together(image)) return snprintf(trouble, size, "no memory for the FMU"), 0;
+        multiplied(image);
+        return 1;
+    }
     return snprintf(trouble, size, "%s/%s is damaged, or of another FMU: extract the FMU again", folder, image_file), 0;
 }
 

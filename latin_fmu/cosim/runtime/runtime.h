@@ -49,7 +49,7 @@ enum {
     M_MAGIC, M_VERSION, M_RUN_SIZE, M_N_CLASS, M_CLASS_SIZE, M_N_GROUP, M_GROUP_SIZE, M_N_FIXED, M_N_MOVING, M_N_STATE,
     M_N_INPUT, M_N_OUTPUT, M_N_ROW, M_MOST_STEPS, M_VALUE, M_RATE, M_OUTPUT, M_PROGRESS, M_LAST_STEP, M_N_FIELD, M_FIELD,
     M_COMMUNICATE, M_PRESENT, M_FIELDS, M_RUN_DIGEST, M_OF_EVENT, M_PLACE, M_PLACING, M_DERIVE,
-    M_DEPTH_AT, M_RELAXATION_AT, M_DT = 33, M_HEADER = 41
+    M_DEPTH_AT, M_RELAXATION_AT, M_N_PRODUCT, M_DT = 33, M_HEADER = 41
 };
 
 /* What a process hands over that has made the image itself (latin_fmu/cosim/engine.py). The records and the blocks stay its
@@ -83,6 +83,7 @@ struct Image {
     size_t shift;       /* words before the header in its memory */
     const char *records[3]; /* of the run, of classes, of groups */
     const double *fixed, *moving;
+    const Word *products;   /* tables that are left out of the file */
     int64_t n_output, n_state;
     double dt;
     const Process *process; /* NULL: the image is from files */
