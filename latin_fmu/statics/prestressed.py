@@ -134,7 +134,7 @@ def corrected(problem: DiscretisedProblem, state: InitialState, amplitudes: Mapp
     operators: Kept = {}
     try:
         found = equilibrium_at_once(static, state, settings_of(problem.scene), operators)
-    except (TieError, SolverError) as error:
+    except (TieError, SolverError, np.linalg.LinAlgError) as error:
         raise _lost(str(error)) from error
     converged, sentence = found.run.status()
     if not converged:
