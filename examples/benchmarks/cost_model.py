@@ -25,7 +25,7 @@ from scipy.optimize import nnls
 from threadpoolctl import threadpool_limits
 
 import latin_fmu
-from latin_fmu.building import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready, started
 from latin_fmu.effects.cost import OPERATIONS, Prediction, RunSize, march_counts, operator_counts
 from latin_fmu.effects.explanation import explain
 from latin_fmu.march import march as march_problem
@@ -149,7 +149,7 @@ def measured(scenes: Mapping[str, latin_fmu.Scene], rounds: int) -> dict[str, Me
                 ready = discretise(one)
                 gc.collect()
                 start = clock.process_time()
-                built = solver_ready(ready, {})
+                built = solver_ready(*started(ready, {}))
                 middle = clock.process_time()
                 outcome = march_problem(built).outcome
                 times[name].append((middle - start, clock.process_time() - middle))

@@ -33,7 +33,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 import latin_fmu
-from latin_fmu.building import discretise, solver_ready
+from latin_fmu.building import discretise, solver_ready, started
 from latin_fmu.latin.outcome import Outcome, Timings
 from latin_fmu.machine import one_thread
 from latin_fmu.march import march as march_problem
@@ -105,7 +105,7 @@ def solved(scene: latin_fmu.Scene) -> Outcome:
     with one_thread():
         ready = discretise(scene)
         begin = time.process_time()
-        problem = solver_ready(ready, {})
+        problem = solver_ready(*started(ready, {}))
     return march_problem(problem, timings=Timings(setup=time.process_time() - begin)).outcome
 
 

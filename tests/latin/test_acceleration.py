@@ -127,7 +127,7 @@ def test_sums_by_interface_give_the_same_step(window: int) -> None:
     """In the image of a run, where sums are taken over each interface first; a step that is too long is shortened to so
     many lengths of the residual, a shorter one left as it is."""
     scene = load_scene(MODELS / "stacked_blocks" / "n04.toml")
-    problem = solver_ready(discretise(scene), {})
+    problem = solver_ready(discretise(scene), None)
     settings = replace(problem.settings, window=window, anderson_depth=3, relaxation=0.9)
     run = Run(problem.assembly, settings, Recorder(problem.assembly, problem.output, problem.info), Timings())
     run._use(window)

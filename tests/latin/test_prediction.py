@@ -23,7 +23,7 @@ SCENE = MODELS / "stacked_blocks" / "n04.toml"
 
 def image_of(tolerance: float) -> Image:
     """The image of a run with several interfaces, at its start."""
-    problem = solver_ready(discretise(load_scene(SCENE)), {})
+    problem = solver_ready(discretise(load_scene(SCENE)), None)
     settings = replace(problem.settings, tolerance=tolerance)
     return Run(problem.assembly, settings, Recorder(problem.assembly, problem.output, problem.info), Timings()).image
 
