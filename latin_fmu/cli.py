@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from keyword import iskeyword
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, TextIO
@@ -26,6 +27,7 @@ from .errors import InputError, LatinError, ResultsError, did_you_mean
 COMMANDS: Final = MappingProxyType(
     {
         "run": "run",
+        "import": "decks",
         "check": "describe",
         "explain": "describe",
         "plot": "describe",
@@ -61,6 +63,7 @@ examples:
   latin-fmu plot two_specimen_crushing/scene.toml -o assembly.png
   latin-fmu view crushing.nc
   latin-fmu run two_specimen_crushing/scene.toml --set load.press.pressure=100e6
+  latin-fmu import bracket.inp
   latin-fmu cost two_specimen_crushing/scene.toml -o study
   latin-fmu sweep two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
   latin-fmu calibrate scene.toml shock.csv --fit bolt.m6.force --fit interface.lap.friction_coefficient
@@ -269,6 +272,8 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("-V", "--version", action="version", version=version, help="print the version")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=CommandParser)
     for name in words[:1] if words and words[0] in COMMANDS else COMMANDS:
-        command: Command = getattr(import_module(f".commands.{COMMANDS[name]}", __package__), name)
+        # the function of a command whose name is a word of Python ends with _
+        function = name + "_" * iskeyword(name)
+        command: Command = getattr(import_module(f".commands.{COMMANDS[name]}", __package__), function)
         command.declare(commands.add_parser)
     return parser

@@ -272,7 +272,7 @@ class Command:
         if self.examples:
             formatter = argparse.RawDescriptionHelpFormatter
         parser = add(
-            self.function.__name__,
+            self.function.__name__.rstrip("_"),
             help=(text[:1].lower() + text[1:]).rstrip("."),
             description=text,
             epilog=self.examples,

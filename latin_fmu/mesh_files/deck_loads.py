@@ -115,9 +115,7 @@ def _groups_of_nodes(card: Card) -> list[LoadedSet]:
             if card.keyword == "CLOAD":
                 before = of_target.get(str(degree), 0.0)
             of_target[str(degree)] = before + value
-    named = [
-        LoadedSet(name, NODES, (), tuple(values.items())) for name, values in found.items() if not is_label(name)
-    ]
+    named = [LoadedSet(name, NODES, (), tuple(values.items())) for name, values in found.items() if not is_label(name)]
     single = {name: tuple(sorted(values.items())) for name, values in found.items() if is_label(name)}
     return [*named, *_gathered(card, NODES, {(name, ""): values for name, values in single.items()})]
 

@@ -77,7 +77,7 @@ class DeckModel:
     sections : (element set, material), both in capitals. ties, supports : see there.
     rigid : element sets, in capitals, of rigid bodies. clearances : (slave, master) -> initial distance. contacts :
     slave and master surfaces of contact pairs. transforms : node sets, in capitals, whose components of displacement
-    are counted along axes of their own; the axes x and y where these are the same at all nodes. cards : all of the deck in
+    are counted along axes of their own; the axes x and y where these are the same at all nodes. cards : all of them in
     order, those of the mesh without their lines. element_types : first place of each, by name. unused : number of the
     keywords that are not read. dropped : words on supports and pairs that are not taken.
     """

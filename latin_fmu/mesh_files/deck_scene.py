@@ -71,7 +71,7 @@ def left_out(content: MeshContent, parts: Mapping[str, str], scene: Any) -> list
     lost = [f"*TIE {name}" for name in dict.fromkeys(tie.name for tie in deck.ties) if name not in used]
     faces = {b.face for b in scene.boundary.values() if hasattr(b, "face")}
     for support in deck.supports:
-        tables = list(_tables_of(content, parts, support))
+        tables = list(held_tables(content, parts, support))
         if not any(table["face"] in faces for _, table in tables):
             lost.append(f"*BOUNDARY {support.name}{_why_not(content, parts, support)}")
     lost += [f"*RIGID BODY {elset}" for elset in deck.rigid if not _groups(content, parts, elset)]
@@ -153,7 +153,7 @@ def _ties(content: MeshContent, parts: Mapping[str, str], scale: float) -> Itera
     """Perfect interfaces between surfaces that belong to one part each; a position tolerance is how far they reach."""
     assert content.deck is not None
     for tie in content.deck.ties:
-        sides = [_faces(content, parts, surface) for surface in (tie.slave, tie.master)]
+        sides = [faces_of(content, parts, surface) for surface in (tie.slave, tie.master)]
         if all(len(side) == 1 for side in sides) and sides[0][0].split(".")[0] != sides[1][0].split(".")[0]:
             table: dict[str, Any] = {"sides": [side[0] for side in sides], "behaviour": "perfect"}
             if tie.tolerance is not None and tie.tolerance > 0.0:
@@ -168,7 +168,7 @@ def _with_clearances(
     assert content.deck is not None
     tables = dict(raw.get("interface") or {})
     for pair, value in content.deck.clearances.items():
-        faces = frozenset(face for surface in pair for face in _faces(content, parts, surface))
+        faces = frozenset(face for surface in pair for face in faces_of(content, parts, surface))
         for name, table in named_tables(raw, "interface").items():
             sides = table.get("sides")
             opens = table.get("behaviour", "contact") in _OPENING
@@ -185,7 +185,7 @@ def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[
     assert content.deck is not None
     merged: dict[tuple[str, str], dict[str, Any]] = {}
     for support in content.deck.supports:
-        for name, table in _tables_of(content, parts, support):
+        for name, table in held_tables(content, parts, support):
             before = merged.setdefault((table["face"], str(table.get("axes"))), {"name": name, **table})
             # a set that several lines hold is one boundary
             either = {*before["components"], *table["components"]}
@@ -194,16 +194,16 @@ def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[
         yield str(table.pop("name")), table
 
 
-def _tables_of(
+def held_tables(
     content: MeshContent, parts: Mapping[str, str], support: HeldSet
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Name and table of the boundary on each part that has nodes of a held set."""
-    rows = _held_rows(content, support.name)
-    axes = _axes_at(content, rows, support.components)
+    rows = rows_of_set(content, support.name)
+    axes = axes_at(content, rows, support.components)
     if axes is None:
         return
-    face = _node_set(content, support.name)
-    for part in _parts_with(content, parts, support.name, rows):
+    face = set_named(content, support.name)
+    for part in parts_with(content, parts, support.name, rows):
         if FACE_PATTERN.fullmatch(f"{part}.{face}") is None:
             continue  # a name that a scene cannot hold
         table = {"type": "fixed", "face": f"{part}.{face}", "components": [*support.components], **axes}
@@ -211,21 +211,21 @@ def _tables_of(
 
 
 def _why_not(content: MeshContent, parts: Mapping[str, str], support: HeldSet) -> str:
-    rows = _held_rows(content, support.name)
-    if _axes_at(content, rows, support.components) is None:
+    rows = rows_of_set(content, support.name)
+    if axes_at(content, rows, support.components) is None:
         return " (along axes of *TRANSFORM that differ from node to node)"
-    if _parts_with(content, parts, support.name, rows):
+    if parts_with(content, parts, support.name, rows):
         return ""
     return " (it holds no node of a part)"
 
 
-def _axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, Any] | None:
+def axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, Any] | None:
     """Axes that the components of nodes are counted along: empty for the global ones, None where they differ."""
     assert content.deck is not None
     if components == "xyz":
         return {}
     for name, axes in content.deck.transforms.items():
-        turned = np.isin(rows, _held_rows(content, name))
+        turned = np.isin(rows, rows_of_set(content, name))
         if turned.all() and len(rows) and axes is not None:
             return {"axes": {"x": axes[0], "y": axes[1]}}
         if turned.any():
@@ -243,23 +243,23 @@ def _owner(names: Iterable[str], name: str) -> tuple[str, str]:
     return owner.upper(), wanted.get(f"NODE_{short}" if short.isdigit() else short.upper(), "")
 
 
-def _node_set(content: MeshContent, name: str) -> str:
+def set_named(content: MeshContent, name: str) -> str:
     """Name in the content of a set, or of a node by its number; empty where there is none."""
     return _owner(content.node_sets, name)[1]
 
 
-def _held_rows(content: MeshContent, name: str) -> Index:
-    return content.node_sets.get(_node_set(content, name), NO_ROWS)
+def rows_of_set(content: MeshContent, name: str) -> Index:
+    return content.node_sets.get(set_named(content, name), NO_ROWS)
 
 
-def _parts_with(content: MeshContent, parts: Mapping[str, str], name: str, rows: Index) -> list[str]:
+def parts_with(content: MeshContent, parts: Mapping[str, str], name: str, rows: Index) -> list[str]:
     """Parts that have nodes of a set; ``INSTANCE.SET`` names one part."""
     owner = _owner(content.node_sets, name)[0]
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
     return [part for group, part in chosen.items() if np.isin(rows, content.nodes_of(group)).any()]
 
 
-def _faces(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
+def faces_of(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
     """``part.face`` of the parts that a surface or node set of this name lies on; ``INSTANCE.SET`` names one part."""
     owner, spelled = _owner((*content.facets, *content.node_sets), name)
     if not spelled:
