@@ -31,8 +31,8 @@ class BodyFace:
 
     Attributes
     ----------
-    places : (n_node, 3) nodes of the whole body, m. face : nodes and areas of the face; nodes of its name that are on no
-    facet of it, an edge or a point, have none. node_area : around the nodes, m2: as many shares of the whole boundary.
+    places : (n_node, 3) nodes of the whole body, m. face : nodes and areas of the face; edges and points of its name
+    have no area. node_area : around the nodes, m2: as many shares of the whole boundary.
 
     Examples
     --------

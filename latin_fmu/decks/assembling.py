@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -122,7 +123,7 @@ def _join_shared(deck: Translation) -> None:
 
 # -- bolts ------------------------------------------------------------------------------------------------------------
 def add_bolts(deck: Translation) -> None:
-    """Force or shortening, and order, of each bolt; steps that do nothing but tighten are taken off the axis of time."""
+    """Force or shortening, and order, of each bolt; steps that only tighten are taken off the axis of time."""
     steps: dict[str, int] = {}
     for bolt in deck.bolts.values():
         found = [
@@ -135,7 +136,7 @@ def add_bolts(deck: Translation) -> None:
             deck.refuse(bolt.card, what, bolt.node, "*CLOAD or *BOUNDARY on degree of freedom 1 of the node")
             continue
         quantity, history = found[0]
-        steps[bolt.name] = _tighten(deck, quantity, history)
+        steps[bolt.name] = _tighten(deck, quantity, history, bolt.sign)
     orders = sorted(set(steps.values()))
     for name, step in steps.items():
         if len(orders) > 1:
@@ -145,13 +146,13 @@ def add_bolts(deck: Translation) -> None:
             deck.steps[number - 1].kept = False
 
 
-def _tighten(deck: Translation, quantity: Quantity, history: History) -> int:
-    """Add force or shortening to a bolt; the step that tightens it."""
+def _tighten(deck: Translation, quantity: Quantity, history: History, sign: float) -> int:
+    """Add force or shortening to a bolt; the step that tightens it. ``sign`` : of a number that does."""
     first = history.settings[0]
     points = history.points(deck.steps[: first.step])
-    value = points[-1][1] if points else 0.0
+    value = sign * points[-1][1] if points else 0.0
     if not value > 0.0 or deck.steps[first.step - 1].dynamic:
-        deck.refuse(first.card, "a bolt is tightened, by a number above 0, in a static step", f"{value:g}")
+        deck.refuse(first.card, "a bolt is tightened, by a pull on its section, in a static step", f"{value:g}")
     if len({setting.value for setting in history.settings}) > 1 or history.ended:
         deck.refuse(history.settings[-1].card, "a bolt whose force or displacement changes after it was tightened")
     if quantity.kind == "bolt_force":
@@ -208,10 +209,10 @@ class Axis:
         points = shifted(history.points(self.steps, before), self.origin)
         if not points:
             return 0.0, None, points
-        start = before
-        if self.static:
+        start = None
+        if self.inertia and self.static:
             start = points[0][1]
-        amount, law = law_of(points, start, self.step, self.inertia)
+        amount, law = law_of(points, start, self.step)
         return amount, law, points
 
 
@@ -410,7 +411,7 @@ def _check_motion(deck: Translation, axis: Axis, quantity: Quantity, history: Hi
     """Refuse supports that come or go, motions that jump where there is inertia, and rates without it."""
     card = history.settings[-1].card
     active = [history.at_step(number) is not None for number in range(len(deck.steps) + 1)]
-    if any(not later for earlier, later in zip(active[1:], active[2:], strict=False) if earlier):
+    if any(not later for earlier, later in pairwise(active[1:]) if earlier):
         deck.refuse(card, "a support or motion that OP=NEW takes away in a later step", quantity.target)
     if not active[1]:
         deck.refuse(card, "a support or motion that comes with a later step: no motion is free before", quantity.target)
@@ -422,7 +423,7 @@ def _check_motion(deck: Translation, axis: Axis, quantity: Quantity, history: Hi
         largest = max(map(abs, values))
         jumps = any(
             t1 - t0 <= 1e-9 * axis.step and abs(v1 - v0) > 1e-9 * largest
-            for t0, t1, v0, v1 in zip(times, times[1:], values, values[1:], strict=False)
+            for (t0, v0), (t1, v1) in pairwise(zip(times, values, strict=True))
         )
         if jumps:
             remedy = "give it an amplitude that starts from where the nodes are"

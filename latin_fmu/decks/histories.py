@@ -1,8 +1,8 @@
 """Steps of a deck on one axis of time, and what loads and motions do over it: piecewise linear laws.
 
-Steps follow each other. A value without an amplitude grows evenly over a static step from that of the step before
-(``AMPLITUDE=STEP`` of *STEP: at once), and is there at once in a dynamic one; one with an amplitude a(t) is value times a,
-t counted in the step or, with ``TIME=TOTAL TIME``, from the start of the deck.
+Steps follow each other. A value without an amplitude grows evenly over a static step from that of the step before, and
+is there at once in a dynamic one (``AMPLITUDE`` of *STEP says otherwise). One with an amplitude a(t) is value times a;
+t counts in the step that sets it, and its last value stays, or, with ``TIME=TOTAL TIME``, from the start of the deck.
 """
 
 from __future__ import annotations
@@ -129,6 +129,8 @@ class History:
             end = step.start + step.period
             if setting is None:
                 piece = _towards(step, value, before)
+            elif setting.amplitude is not None and setting.step < number and not setting.amplitude.total:
+                piece = [(step.start, value), (end, value)]
             elif setting.amplitude is not None:
                 shift = 0.0 if setting.amplitude.total else step.start
                 piece = [(t, setting.value * a) for t, a in setting.amplitude.over(step.start, end, shift)]
@@ -143,7 +145,7 @@ class History:
 def _towards(step: Step, before: float, value: float) -> Points:
     """A value without an amplitude over a step."""
     end = step.start + step.period
-    if step.dynamic or step.at_once:
+    if step.at_once:
         return [(step.start, value), (end, value)]
     return [(step.start, before), (end, value)]
 
@@ -153,36 +155,29 @@ def shifted(points: Points, start: float) -> Points:
     return [(t - start, value) for t, value in points if t >= start * (1.0 - 1e-12)]
 
 
-def law_of(points: Points, before: float, step: float, inertia: bool) -> tuple[float, Mapping[str, Any] | None]:
+def law_of(points: Points, before: float | None, step: float) -> tuple[float, Mapping[str, Any] | None]:
     """Amount and time law of values over time: their product is the value.
 
     Parameters
     ----------
-    points : from t = 0 on. before : value before t = 0, in a static start. step : of time: a jump goes over one.
-    inertia : whether there is any; without, a value at t = 0 comes with the first instant.
+    points : from t = 0 on. before : value before t = 0, of a static start; None without one: a value at t = 0 comes with
+        the first instant. step : of time: a later jump goes over one.
 
     Returns
     -------
     Amount, and the table of the law; None where the value is the same at all times.
     """
-    clean = _without_jumps(points, before if inertia else points[0][1], step)
+    clean = _without_jumps(points, points[0][1] if before is None else before, step)
     values = [value for _, value in clean]
     amount = values[-1]
     if abs(amount) <= _SAME * max(map(abs, values)):
         amount = max(values, key=abs)
     if amount == 0.0 or all(math.isclose(v, amount, rel_tol=_SAME) for v in values):
         return amount, None
-    if inertia and before == 0.0 and _steps_up(points):
-        return points[-1][1], {"type": "step"}
     if len(clean) < 2:
         return amount, None
     times = [tidy(t) for t, _ in clean]
     return amount, {"type": "table", "times": times, "values": [tidy(v / amount) for v in values]}
-
-
-def _steps_up(points: Points) -> bool:
-    """Whether a value is the same from t = 0 on."""
-    return len({value for _, value in points}) == 1
 
 
 def _without_jumps(points: Points, before: float, step: float) -> Points:
@@ -230,7 +225,7 @@ def tidy(value: float) -> float:
 
 
 def common_step(periods: Sequence[float], increments: Sequence[float]) -> float | None:
-    """Largest step, at most the smallest increment, of which every period is a whole number; None where only an absurdly
+    """Largest step, at most the smallest increment, of which every period is a multiple; None where only an absurdly
     small one is.
 
     >>> common_step([1.0, 0.5], [0.3, 0.25])

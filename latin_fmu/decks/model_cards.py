@@ -8,7 +8,8 @@ import numpy as np
 
 from ..mesh_files.deck_card import Card, real
 from ..mesh_files.deck_model import numbers
-from .distances import closest
+from .histories import tidy
+from .surfaces import closest
 from .translation import Bolt, Translation
 
 _EXACT: Final = "contact exact at its points, no penalty"
@@ -263,24 +264,27 @@ def pretension(deck: Translation, card: Card) -> None:
     if len(owners) != 1:
         deck.refuse(card, "the section is not on one part", ", ".join(owners) or "none")
         return
-    axis = numbers(next((fields for _, fields in card.tokens()), [])[:3]) or _normal(deck, spelled)
+    outward = _outward(deck, spelled)
+    axis = numbers(next((fields for _, fields in card.tokens()), [])[:3]) or outward
+    # along the outward normal of the elements below the section a positive force pulls (ccx 2.20, measured)
+    sign = 1.0
+    if float(np.dot(axis, outward)) < 0.0:
+        sign = -1.0
     point = [float(f"{x:.9g}") for x in facets.mean(axis=0)]
     table = {"substructure": owners[0], "axis": axis, "point": point}
     name = deck.add("bolt", owners[0], table)
-    deck.bolts[card.name("NODE")] = Bolt(name, card.name("NODE"), card)
+    deck.bolts[card.name("NODE")] = Bolt(name, card.name("NODE"), card, sign)
     deck.used(card, f"[bolt.{name}]: cut at the place of the section, tightened before t = 0")
 
 
-def _normal(deck: Translation, surface: str) -> list[float]:
-    """Mean normal of a surface."""
+def _outward(deck: Translation, surface: str) -> list[float]:
+    """Mean normal of a surface, out of the elements that it is made of."""
     total = np.zeros(3)
     for table in deck.content.facets[surface]:
         corners = deck.content.points[table]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
-        # either way across the section
-        normals *= np.where(normals @ normals[0] < 0.0, -1.0, 1.0)[:, None]
-        total += normals.sum(axis=0)
-    return [float(f"{x:.9g}") for x in total / np.linalg.norm(total)]
+        # the reader lists the corners of a face of an element as seen from inside
+        total -= np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0]).sum(axis=0)
+    return [tidy(x) for x in total / np.linalg.norm(total)]
 
 
 def initial_conditions(deck: Translation, card: Card) -> None:

@@ -7,10 +7,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..mesh_files.deck_card import Card, real
+from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_loads import LoadedSet, degrees, loaded_groups
 from ..mesh_files.deck_model import numbers
 from .histories import Amplitude, Quantity, Step
+from .surfaces import inner_facets
 from .translation import Translation
 
 OTHER_PROCEDURES: Final = {
@@ -21,6 +22,8 @@ OTHER_PROCEDURES: Final = {
     "BUCKLE": "buckling is not computed",
 }
 """Procedures that are left out after a step that is translated, with what there is in their place."""
+_DEFAULT: Final = {"STATIC": "RAMP", "DYNAMIC": "STEP"}
+"""How loads without an amplitude come."""
 _STEP: Final = ("NAME", "NLGEOM", "INC", "INCF", "AMPLITUDE", "PERTURBATION", "UNSYMM", "TPINC", "TEMP1", "TEMP2")
 _STATIC: Final = ("SOLVER", "DIRECT", "EXPLICIT", "TIME RESET", "TOTAL TIME AT START", "STABILIZE", "FULLY PLASTIC")
 _DYNAMIC: Final = ("SOLVER", "DIRECT", "ALPHA", "EXPLICIT", "RELATIVE TO ABSOLUTE", "HAFTOL", "APPLICATION", "INITIAL")
@@ -33,7 +36,7 @@ def steps_of(cards: Sequence[Card]) -> list[Step]:
     start = 0.0
     for card in cards:
         if card.keyword == "STEP":
-            steps.append(Step(card, at_once=card.name("AMPLITUDE").upper() == "STEP", start=start, period=0.0))
+            steps.append(Step(card, start=start, period=0.0))
         elif card.keyword in ("STATIC", "DYNAMIC") and steps:
             times = numbers(next((fields for _, fields in card.tokens()), [])[:2]) or []
             times = [time for time in times if time > 0.0]
@@ -42,6 +45,7 @@ def steps_of(cards: Sequence[Card]) -> list[Step]:
             step = steps[-1]
             step.procedure, step.period, step.increment = card, period, min([*times, period])
             start = step.start + period
+            step.at_once = (step.card.name("AMPLITUDE").upper() or _DEFAULT[card.keyword]) == "STEP"
     return steps
 
 
@@ -53,7 +57,7 @@ def step(deck: Translation, card: Card) -> None:
     now = deck.steps[deck.number - 1]
     if "PERTURBATION" in card.parameters and now.procedure is not None:
         deck.refuse(card, "a step of small changes about the step before it", "PERTURBATION")
-    if card.name("NLGEOM").upper() not in ("", "NO") or "NLGEOM" in card.parameters and not card.name("NLGEOM"):
+    if card.name("NLGEOM").upper() not in ("", "NO") or ("NLGEOM" in card.parameters and not card.name("NLGEOM")):
         deck.left_out(card, "NLGEOM: displacements and rotations are small here, as without it")
     deck.used(card, "loads and time of the scene")
 
@@ -262,6 +266,9 @@ def dload(deck: Translation, card: Card) -> None:
     for group in loaded_groups(card):
         if not deck.faces(group.name):
             deck.refuse(card, "these faces are on the surface of no part", group.name)
+        elif inside := inner_facets(deck.content, group.name):
+            remedy = "name the elements whose faces are on the surface"
+            deck.refuse(card, "a pressure on faces between two elements", f"{group.name}: {inside} faces", remedy)
         else:
             deck.set(Quantity("pressure", deck.alike(group.name)), group.values[0][1], card)
     for i, fields in card.tokens():

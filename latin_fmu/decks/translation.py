@@ -40,11 +40,13 @@ class Said:
 
 @dataclass
 class Bolt:
-    """A pre-tension section: name of its table, and the node whose first degree of freedom tightens it."""
+    """A pre-tension section: name of its table, the node whose first degree of freedom tightens it, and the sign of a
+    number there that does."""
 
     name: str
     node: str
     card: Card
+    sign: float
 
 
 @dataclass
@@ -146,7 +148,7 @@ class Translation:
         return list(touched)
 
     def parts_of_elements(self, elset: str) -> list[str] | None:
-        """Parts all of whose cells are in an element set; None where it has some of the cells of one, or is not there."""
+        """Parts all of whose cells are in an element set; None where it has some cells of a part, or is not there."""
         owner, _, short = elset.strip('"').rpartition(".")
         names = {name.upper(): name for name in self.content.volumes}
         chosen = self.content.volumes.get(names.get(elset.strip('"').upper(), names.get(short.upper(), "")))

@@ -1,8 +1,8 @@
 """Units of a deck, which names none: those that are given, or those in which its modulus and density are of a solid.
 
-Solids have moduli from 0.5 to 1200 GPa and densities from 400 to 23,000 kg/m3. Densities tell the system, and all moduli
-have to agree with it. Without any density a modulus tells it where it is that of a metal, wood or glass, from 9 GPa on: a
-polymer in psi has the number of a metal in MPa.
+Solids have moduli from 0.5 to 1200 GPa and densities from 400 to 23,000 kg/m3. Densities tell the system, and all
+moduli have to agree with it. Without any density a modulus tells it where it is that of a metal, wood or glass, from
+9 GPa on: a polymer in psi has the number of a metal in MPa.
 """
 
 from __future__ import annotations

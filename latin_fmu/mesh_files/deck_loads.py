@@ -34,8 +34,8 @@ WORDS: Final[Mapping[str, tuple[int, ...]]] = {
     "NOOVAL": (),
     "NODEFORM": (),
 }
-"""Degrees of freedom that a word of *BOUNDARY holds (Abaqus Analysis User's Guide, boundary conditions): XSYMM is a plane
-of symmetry across x, XASYMM one of antisymmetry."""
+"""Degrees of freedom that a word of *BOUNDARY holds (Abaqus Analysis User's Guide, boundary conditions): XSYMM is a
+plane of symmetry across x, XASYMM one of antisymmetry."""
 
 
 _MOST: Final = 99  # no code numbers more at a node
@@ -47,8 +47,8 @@ class LoadedSet:
 
     Attributes
     ----------
-    name : of the set in the deck, or that it is given. kind : NODES or FACES. members : numbers and faces, of a set that
-    the deck does not name; none of one that it names. values : by degree of freedom, or the value under ``P``.
+    name : of the set in the deck, or that it is given. kind : NODES or FACES. members : numbers and faces of a set that
+    the deck does not name, none of one that it does. values : by degree of freedom, or the value under ``P``.
     """
 
     name: str

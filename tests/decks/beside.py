@@ -18,9 +18,7 @@ def displacements(deck: str, folder: Path, name: str) -> dict[float, np.ndarray]
     if shutil.which("ccx") is None:
         pytest.skip("ccx is not installed (Debian and Ubuntu: calculix-ccx)")
     (folder / "there.inp").write_text(deck)
-    done = subprocess.run(
-        ["ccx", "-i", "there"], cwd=folder, capture_output=True, text=True, timeout=300, check=False
-    )
+    done = subprocess.run(["ccx", "-i", "there"], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout[-2000:]
     found: dict[float, list[list[float]]] = {}
     rows: list[list[float]] | None = None

@@ -1,11 +1,12 @@
-"""Distances of the nodes of one surface of a deck from the facets of another."""
+"""Surfaces of a deck: distances of the nodes of one from the facets of another, facets that are inside a body."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..mesh_files.content import NO_ROWS, Array, Index, MeshContent
+from ..mesh_files.abaqus import SOLID_FACES
+from ..mesh_files.content import CORNERS, NO_ROWS, Array, Index, MeshContent
 
 _NEIGHBOURS = 8  # facets that are tried, by their middles
 
@@ -24,6 +25,27 @@ def closest(content: MeshContent, slave: str, master: str) -> Array:
     near = cKDTree(triangles.mean(axis=1)).query(points, k=count)[1].reshape(len(points), count)
     found: Array = np.min([_from_triangles(points, triangles[near[:, i]]) for i in range(count)], axis=0)
     return found
+
+
+def inner_facets(content: MeshContent, name: str) -> int:
+    """Number of facets of a surface that lie between two cells."""
+    wanted = [np.sort(table, axis=1) for table in _tables(content, name)]
+    if not wanted:
+        return 0
+    count = 0
+    for corners in (3, 4):
+        some = [table for table in wanted if table.shape[1] == corners]
+        faces = [
+            np.sort(cells[:, list(face)], axis=1)
+            for kind, cells in content.solids.items()
+            for face in SOLID_FACES[CORNERS[kind]]
+            if len(face) == corners
+        ]
+        if some and faces:
+            unique, times = np.unique(np.concatenate(faces), axis=0, return_counts=True)
+            within = {row.tobytes() for row in unique[times > 1]}
+            count += sum(row.tobytes() in within for row in np.concatenate(some))
+    return count
 
 
 def _tables(content: MeshContent, name: str) -> list[Index]:
