@@ -160,8 +160,8 @@ def law_of(points: Points, before: float | None, step: float) -> tuple[float, Ma
 
     Parameters
     ----------
-    points : from t = 0 on. before : value before t = 0, of a static start; None without one: a value at t = 0 comes with
-        the first instant. step : of time: a later jump goes over one.
+    points : from t = 0 on. before : value before t = 0, of a static start; None without one: a value at t = 0 comes
+        with the first instant. step : of time: a later jump goes over one.
 
     Returns
     -------

@@ -48,7 +48,8 @@ STATIC = {
     "nodal forces": one_block(BAR) + STEEL + HELD + static("*CLOAD\nTOP, 3, 100.\nTIP, 1, 30.\n" + OUTPUT),
     "nodal forces by numbers": one_block(BAR) + STEEL + HELD + static("*CLOAD\n43, 3, 9.\n45, 2, 9.\n" + OUTPUT),
     "forces that add up": one_block(BAR) + STEEL + HELD + static("*CLOAD\nTOP, 3, 9.\n*CLOAD\nTOP, 3, 2.\n" + OUTPUT),
-    "pressure on faces": one_block(BAR) + STEEL + HELD + static("*ELSET, ELSET=SIDE\n2, 4, 6, 8\n*DLOAD\nSIDE, P4, 3.\n" + OUTPUT),
+    "pressure on faces": one_block(BAR) + "*ELSET, ELSET=SIDE\n2, 4, 6, 8\n" + STEEL + HELD
+    + static("*DLOAD\nSIDE, P4, 3.\n" + OUTPUT),
     "pressure on elements": one_block(BAR) + STEEL + HELD + static("*DLOAD\n13, P2, 3.\n14, P2, 5.\n" + OUTPUT),
     "pressure on a surface": one_block(BAR) + STEEL + HELD + static("*DSLOAD\nUP, P, 7.\n" + OUTPUT),
     "gravity": one_block(BAR) + STEEL + HELD + static("*DLOAD\nBLOCK, GRAV, 9810., 1., 0., -1.\n" + OUTPUT),
