@@ -16,7 +16,7 @@ from ..mesh_files.abaqus_elements import element_type, fills_volume
 from ..mesh_files.content import CORNERS
 from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_model import HeldSet
-from ..mesh_files.deck_scene import axes_at, held_tables, set_named, with_deck
+from ..mesh_files.deck_scene import axes_at, held_tables, set_named, with_model
 from ..scene.substructures import part_name
 from .histories import History, Points, Quantity, Step, common_step, law_of, shifted, tidy
 from .translation import LEFT_OUT, Said, Translation
@@ -49,7 +49,7 @@ def add_bodies(deck: Translation, units_size: float) -> None:
         "interface": deck.tables.get("interface", {}),
     }
     problems: list[Problem] = []
-    whole = with_deck(raw, deck.content, deck.parts, 1.0, problems)
+    whole = with_model(raw, deck.content, deck.parts, 1.0, problems)
     deck.problems += [Problem("*MATERIAL", p.what, p.value, None, "give them in the deck") for p in problems]
     used = {str(body.get("material")) for body in whole["substructure"].values()}
     deck.tables["material"] = {name: _ordered(table) for name, table in whole["material"].items() if name in used}

@@ -155,7 +155,11 @@ REFUSED: Final[Mapping[str, str]] = MappingProxyType(
 
 def translate(deck: Translation) -> None:
     """Translate all cards of a deck: each is used, left out or refused."""
-    for card in deck.model.cards:
+    first = next((i for i, card in enumerate(deck.model.cards) if card.keyword == "STEP"), len(deck.model.cards))
+    model, steps = deck.model.cards[:first], deck.model.cards[first:]
+    # pairs may stand before the laws that they name
+    pairs = [card for card in model if card.keyword == "CONTACT PAIR"]
+    for card in [*(card for card in model if card.keyword != "CONTACT PAIR"), *pairs, *steps]:
         translator = TRANSLATORS.get(card.keyword)
         if translator is not None:
             translator(deck, card)

@@ -11,6 +11,7 @@ from typing import Any, Final
 from ..errors import InputError, MeshError, Problem
 from ..mesh_files.abaqus_cards import is_abaqus
 from ..mesh_files.content import MeshContent
+from ..mesh_files.deck_card import FileLine
 from ..mesh_files.reading import read_content
 from ..scene.schema import toml_text
 from ..scene.substructures import part_name
@@ -150,8 +151,10 @@ def _spelled_materials(content: MeshContent) -> dict[str, dict[str, float]]:
 def _parts(content: MeshContent, file: Path) -> dict[str, str]:
     """Names of substructures by volume group."""
     if not content.solids:
-        holds = content.without_solids() or None
-        raise MeshError.of(_HEADING, file.name, "the deck holds no solid elements", holds, remedy="mesh it with solids")
+        assert content.deck is not None
+        name, place = next(iter(content.deck.element_types.items()), ("no elements", FileLine(file.name, 1)))
+        where = f"{place.where}, line {place.line}"
+        raise MeshError.of(_HEADING, where, "the deck holds no solid elements", name, remedy="mesh it with solids")
     names = {group: part_name(group) for group in content.part_names(file.name)}
     if not names or len(set(names.values())) < len(names):
         what = "no element sets that are parts, or two of one name"

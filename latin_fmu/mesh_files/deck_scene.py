@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -37,6 +37,19 @@ def with_deck(
         is 1, materials are in the units of the scene, where it is 1e-3 of a metre, in mm, t, s, MPa. Else they are
         left out. problems : takes what the deck lacks.
     """
+    whole = with_model(raw, content, parts, scale, problems)
+    fixed = {str(table.get("face")) for table in named_tables(raw, "boundary").values()}
+    supports = {name: table for name, table in _supports(content, parts) if table["face"] not in fixed}
+    supports = {name: table for name, table in supports.items() if name not in named_tables(raw, "boundary")}
+    if supports:
+        whole["boundary"] = {**(raw.get("boundary") or {}), **supports}
+    return whole
+
+
+def with_model(
+    raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, str], scale: float, problems: list[Problem]
+) -> dict[str, Any]:
+    """The scene with the materials, rigid bodies, ties and clearances of the deck, as ``with_deck`` adds them."""
     deck, whole = content.deck, dict(raw)
     assert deck is not None
     if scale in _UNITS and (scale == 1.0 or system_named(raw.get("units")) is SI):
@@ -49,13 +62,7 @@ def with_deck(
     }
     if new:
         whole["interface"] = {**(raw.get("interface") or {}), **new}
-    whole = _with_clearances(whole, content, parts, scale)
-    fixed = {str(table.get("face")) for table in named_tables(raw, "boundary").values()}
-    supports = {name: table for name, table in _supports(content, parts) if table["face"] not in fixed}
-    supports = {name: table for name, table in supports.items() if name not in named_tables(raw, "boundary")}
-    if supports:
-        whole["boundary"] = {**(raw.get("boundary") or {}), **supports}
-    return whole
+    return _with_clearances(whole, content, parts, scale)
 
 
 def left_out(content: MeshContent, parts: Mapping[str, str], scene: Any) -> list[str]:
@@ -233,19 +240,24 @@ def axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, Any
     return {}
 
 
-def _owner(names: Iterable[str], name: str) -> tuple[str, str]:
+def _owner(name: str, *tables: Mapping[str, Any]) -> tuple[str, str]:
     """Instance in capitals, empty where none is named, and the spelling of a set or surface; empty where it is not
     there. Names may have dots of their own."""
     owner, _, short = name.rpartition(".")
-    wanted = {item.upper(): item for item in reversed(list(names))}
+    # first as it is written: a deck may hold thousands of nodes one by one
+    if short.isdigit() and any(f"NODE_{short}" in table for table in tables):
+        return owner.upper(), f"NODE_{short}"
+    if any(name in table for table in tables):
+        return "", name
+    wanted = {item.upper(): item for item in reversed([key for table in tables for key in table])}
     if name.upper() in wanted:
         return "", wanted[name.upper()]
-    return owner.upper(), wanted.get(f"NODE_{short}" if short.isdigit() else short.upper(), "")
+    return owner.upper(), wanted.get(short.upper(), "")
 
 
 def set_named(content: MeshContent, name: str) -> str:
     """Name in the content of a set, or of a node by its number; empty where there is none."""
-    return _owner(content.node_sets, name)[1]
+    return _owner(name, content.node_sets)[1]
 
 
 def rows_of_set(content: MeshContent, name: str) -> Index:
@@ -254,14 +266,14 @@ def rows_of_set(content: MeshContent, name: str) -> Index:
 
 def parts_with(content: MeshContent, parts: Mapping[str, str], name: str, rows: Index) -> list[str]:
     """Parts that have nodes of a set; ``INSTANCE.SET`` names one part."""
-    owner = _owner(content.node_sets, name)[0]
+    owner = _owner(name, content.node_sets)[0]
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
     return [part for group, part in chosen.items() if np.isin(rows, content.nodes_of(group)).any()]
 
 
 def faces_of(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
     """``part.face`` of the parts that a surface or node set of this name lies on; ``INSTANCE.SET`` names one part."""
-    owner, spelled = _owner((*content.facets, *content.node_sets), name)
+    owner, spelled = _owner(name, content.facets, content.node_sets)
     if not spelled:
         return []
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
