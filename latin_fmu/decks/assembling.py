@@ -18,7 +18,7 @@ from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_model import HeldSet
 from ..mesh_files.deck_scene import axes_at, held_tables, set_named, with_model
 from ..scene.substructures import part_name
-from .histories import History, Points, Quantity, Step, common_step, law_of, shifted, tidy
+from .histories import DeckHistory, DeckQuantity, DeckStep, Points, common_step, law_of, shifted, tidy
 from .translation import LEFT_OUT, Said, Translation
 
 _TIGHTENING: Final = ("bolt_force", "bolt_shift")
@@ -60,6 +60,11 @@ def add_bodies(deck: Translation, units_size: float) -> None:
         if "material" not in body:
             what = "no *SOLID SECTION gives this part one material"
             deck.problems.append(Problem(f"part {part}", what, None, None, "give each part a section of its own"))
+    lost = [tie.name for tie in deck.model.ties if part_name(tie.name) not in whole["interface"]]
+    if lost:
+        card = next(card for card in deck.model.cards if card.keyword == "TIE")
+        remedy = "a pair of parts has one interface: make two parts of one"
+        deck.refuse(card, "ties between parts that are in contact or tied elsewhere", ", ".join(lost), remedy)
     _add_types(deck)
     _join_shared(deck)
 
@@ -128,7 +133,7 @@ def add_bolts(deck: Translation) -> None:
     for bolt in deck.bolts.values():
         found = [
             (quantity, deck.histories[quantity])
-            for quantity in (Quantity(kind, bolt.name) for kind in _TIGHTENING)
+            for quantity in (DeckQuantity(kind, bolt.name) for kind in _TIGHTENING)
             if quantity in deck.histories
         ]
         if len(found) != 1:
@@ -146,7 +151,7 @@ def add_bolts(deck: Translation) -> None:
             deck.steps[number - 1].kept = False
 
 
-def _tighten(deck: Translation, quantity: Quantity, history: History, sign: float) -> int:
+def _tighten(deck: Translation, quantity: DeckQuantity, history: DeckHistory, sign: float) -> int:
     """Add force or shortening to a bolt; the step that tightens it. ``sign`` : of a number that does."""
     first = history.settings[0]
     points = history.points(deck.steps[: first.step])
@@ -198,13 +203,13 @@ class Axis:
     any. static : whether static steps come before the motion.
     """
 
-    steps: Sequence[Step]
+    steps: Sequence[DeckStep]
     origin: float
     step: float
     inertia: bool
     static: bool
 
-    def law(self, history: History, before: float = 0.0) -> tuple[float, Law, Points]:
+    def law(self, history: DeckHistory, before: float = 0.0) -> tuple[float, Law, Points]:
         """Amount, law and points of a quantity over the scene."""
         points = shifted(history.points(self.steps, before), self.origin)
         if not points:
@@ -266,7 +271,7 @@ def _with_law(table: dict[str, Any], law: Law) -> dict[str, Any]:
     return {**table, "law": dict(law)}
 
 
-def _of_kind(deck: Translation, *kinds: str) -> Iterator[tuple[Quantity, History]]:
+def _of_kind(deck: Translation, *kinds: str) -> Iterator[tuple[DeckQuantity, DeckHistory]]:
     for quantity, history in deck.histories.items():
         if quantity.kind in kinds and history.settings:
             yield quantity, history
@@ -275,7 +280,7 @@ def _of_kind(deck: Translation, *kinds: str) -> Iterator[tuple[Quantity, History
 def _refuse_overlaps(deck: Translation) -> None:
     """Refuse nodes that two sets move or load differently: the last one of a deck counts, in a scene there is none."""
     owners: dict[tuple[str, int], np.ndarray] = {}
-    names: list[tuple[Quantity, History]] = []
+    names: list[tuple[DeckQuantity, DeckHistory]] = []
     for quantity, history in _of_kind(deck, "nodal_force", *_MOTIONS):
         family = "force" if quantity.kind == "nodal_force" else "motion"
         owner = owners.setdefault((family, quantity.axis), np.full(len(deck.content.points), -1))
@@ -289,7 +294,7 @@ def _refuse_overlaps(deck: Translation) -> None:
         names.append((quantity, history))
 
 
-def _agree(one: Quantity, first: History, other: Quantity, second: History) -> bool:
+def _agree(one: DeckQuantity, first: DeckHistory, other: DeckQuantity, second: DeckHistory) -> bool:
     """Whether common nodes of two sets have one meaning: forces of one step add up, motions are the same."""
     if one.kind == "nodal_force":
         return [s.step for s in first.settings] == [s.step for s in second.settings]
@@ -369,7 +374,7 @@ def _add_temperatures(deck: Translation, axis: Axis) -> None:
         start = next(
             (value for name, value in deck.initial.items() if quantity.target in (deck.whole_parts(name) or ())), 0.0
         )
-        cold = History([_colder(setting, start) for setting in history.settings], history.ended)
+        cold = DeckHistory([_colder(setting, start) for setting in history.settings], history.ended)
         if any(setting.amplitude is not None and start for setting in history.settings):
             deck.refuse(history.settings[-1].card, "an amplitude of a temperature, with an initial one that is not 0")
         amount, law, _ = axis.law(cold)
@@ -407,7 +412,7 @@ def _add_motions(deck: Translation, axis: Axis) -> None:
         _add_boundary(deck, cards[target], target, kind, values, laws[law_key])
 
 
-def _check_motion(deck: Translation, axis: Axis, quantity: Quantity, history: History, points: Points) -> None:
+def _check_motion(deck: Translation, axis: Axis, quantity: DeckQuantity, history: DeckHistory, points: Points) -> None:
     """Refuse supports that come or go, motions that jump where there is inertia, and rates without it."""
     card = history.settings[-1].card
     active = [history.at_step(number) is not None for number in range(len(deck.steps) + 1)]

@@ -45,7 +45,7 @@ class Amplitude:
 
 
 @dataclass
-class Step:
+class DeckStep:
     """A *STEP.
 
     Attributes
@@ -70,7 +70,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class DeckQuantity:
     """What a line of a deck sets.
 
     Attributes
@@ -100,7 +100,7 @@ class Setting:
 
 
 @dataclass
-class History:
+class DeckHistory:
     """The values of one quantity over the steps of a deck.
 
     Attributes
@@ -120,7 +120,7 @@ class History:
         gone = [step for step in self.ended if last is None or last.step < step <= number]
         return None if gone else last
 
-    def points(self, steps: Sequence[Step], before: float = 0.0) -> Points:
+    def points(self, steps: Sequence[DeckStep], before: float = 0.0) -> Points:
         """Times and values over the steps; ``before`` : value until it is set."""
         found: Points = []
         value = before
@@ -142,7 +142,7 @@ class History:
         return found
 
 
-def _towards(step: Step, before: float, value: float) -> Points:
+def _towards(step: DeckStep, before: float, value: float) -> Points:
     """A value without an amplitude over a step."""
     end = step.start + step.period
     if step.at_once:

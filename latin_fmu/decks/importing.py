@@ -142,10 +142,11 @@ def _head(deck: Translation) -> dict[str, Any]:
 
 
 def _spelled_materials(content: MeshContent) -> dict[str, dict[str, float]]:
-    """Constants of the materials of the deck that some part has."""
+    """Constants of the materials of the deck that some section has; of all where none has any."""
     assert content.deck is not None
     named = {material for _, material in content.deck.sections}
-    return {name: constants for name, constants in content.deck.materials.items() if name in named}
+    found = {name: constants for name, constants in content.deck.materials.items() if name in named}
+    return found or content.deck.materials
 
 
 def _parts(content: MeshContent, file: Path) -> dict[str, str]:

@@ -10,13 +10,13 @@ from ..mesh_files.deck_card import Card, real
 from ..mesh_files.deck_model import numbers
 from .histories import tidy
 from .surfaces import closest
-from .translation import Bolt, Translation
+from .translation import SectionBolt, Translation
 
 _EXACT: Final = "contact exact at its points, no penalty"
 
 
 def material(deck: Translation, card: Card) -> None:
-    """*MATERIAL."""
+    """*MATERIAL: the cards below it are its own."""
     deck.material = card.name("NAME").upper()
     deck.used(card, f"[material.{card.name('NAME')}]")
 
@@ -273,7 +273,7 @@ def pretension(deck: Translation, card: Card) -> None:
     point = [float(f"{x:.9g}") for x in facets.mean(axis=0)]
     table = {"substructure": owners[0], "axis": axis, "point": point}
     name = deck.add("bolt", owners[0], table)
-    deck.bolts[card.name("NODE")] = Bolt(name, card.name("NODE"), card, sign)
+    deck.bolts[card.name("NODE")] = SectionBolt(name, card.name("NODE"), card, sign)
     deck.used(card, f"[bolt.{name}]: cut at the place of the section, tightened before t = 0")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_loads import LoadedSet, degrees, loaded_groups
 from ..mesh_files.deck_model import numbers
-from .histories import Amplitude, Quantity, Step
+from .histories import Amplitude, DeckQuantity, DeckStep
 from .surfaces import inner_facets
 from .translation import Translation
 
@@ -30,13 +30,13 @@ _DYNAMIC: Final = ("SOLVER", "DIRECT", "ALPHA", "EXPLICIT", "RELATIVE TO ABSOLUT
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------
-def steps_of(cards: Sequence[Card]) -> list[Step]:
+def steps_of(cards: Sequence[Card]) -> list[DeckStep]:
     """The steps of a deck, in order, each with its procedure and times; what is wrong with them is said later."""
-    steps: list[Step] = []
+    steps: list[DeckStep] = []
     start = 0.0
     for card in cards:
         if card.keyword == "STEP":
-            steps.append(Step(card, start=start, period=0.0))
+            steps.append(DeckStep(card, start=start, period=0.0))
         elif card.keyword in ("STATIC", "DYNAMIC") and steps:
             times = numbers(next((fields for _, fields in card.tokens()), [])[:2]) or []
             times = [time for time in times if time > 0.0]
@@ -63,7 +63,7 @@ def step(deck: Translation, card: Card) -> None:
 
 
 def end_step(deck: Translation, card: Card) -> None:
-    """*END STEP."""
+    """*END STEP closes a step."""
     deck.used(card, "loads and time of the scene")
 
 
@@ -171,7 +171,7 @@ def cload(deck: Translation, card: Card) -> None:
             for degree, value in group.values:
                 if degree != "1":
                     deck.refuse(card, "the node of a pre-tension section has the degree of freedom 1 alone", degree)
-                deck.set(Quantity("bolt_force", bolt.name), value, card)
+                deck.set(DeckQuantity("bolt_force", bolt.name), value, card)
             continue
         if not _on_parts(deck, card, group):
             continue
@@ -179,7 +179,7 @@ def cload(deck: Translation, card: Card) -> None:
             if degree not in "123":
                 deck.refuse(card, "moments on nodes of solids", f"{group.name}, degree of freedom {degree}")
             else:
-                deck.set(Quantity("nodal_force", deck.alike(group.name), int(degree) - 1), value, card)
+                deck.set(DeckQuantity("nodal_force", deck.alike(group.name), int(degree) - 1), value, card)
     made = {f"force of [bolt.{bolts[0]}]" if bolts else "nodal_force of [load.NAME]": None for bolts in of_bolts}
     deck.used(card, ", ".join(made) or "no lines")
 
@@ -207,7 +207,7 @@ def boundary(deck: Translation, card: Card) -> None:
             continue
         for degree, value in group.values:
             if degree in "123":
-                deck.set(Quantity(kind, deck.alike(group.name), int(degree) - 1), value, card)
+                deck.set(DeckQuantity(kind, deck.alike(group.name), int(degree) - 1), value, card)
             elif value:
                 deck.refuse(card, "a rotation of nodes of solids", f"{group.name}, degree of freedom {degree}")
     deck.used(card, "[boundary.NAME]; rotations of nodes of solids hold nothing")
@@ -215,13 +215,13 @@ def boundary(deck: Translation, card: Card) -> None:
 
 def _shift_bolt(deck: Translation, card: Card, name: str, group: LoadedSet) -> None:
     """The shortening of a bolt; ``FIXED``, and a value of 0 that follows a force, keep the one that it has."""
-    history = deck.histories.get(Quantity("bolt_force", name))
+    history = deck.histories.get(DeckQuantity("bolt_force", name))
     if "FIXED" in card.parameters and history is not None:
         deck.used(card, f"[bolt.{name}] keeps its shortening, as every bolt does")
         return
     for degree, value in group.values:
         if degree == "1":
-            deck.set(Quantity("bolt_shift", name), value, card)
+            deck.set(DeckQuantity("bolt_shift", name), value, card)
 
 
 def _number(group: LoadedSet) -> str:
@@ -270,7 +270,7 @@ def dload(deck: Translation, card: Card) -> None:
             remedy = "name the elements whose faces are on the surface"
             deck.refuse(card, "a pressure on faces between two elements", f"{group.name}: {inside} faces", remedy)
         else:
-            deck.set(Quantity("pressure", deck.alike(group.name)), group.values[0][1], card)
+            deck.set(DeckQuantity("pressure", deck.alike(group.name)), group.values[0][1], card)
     for i, fields in card.tokens():
         word = fields[1].upper() if len(fields) > 1 else ""
         if word == "GRAV":
@@ -295,7 +295,7 @@ def _gravity(deck: Translation, card: Card, i: int, fields: list[str]) -> None:
     else:
         x, y, z = (np.array(values[1:]) / np.linalg.norm(values[1:])).tolist()
         for part in parts:
-            deck.set(Quantity("gravity", part, direction=(x, y, z)), values[0], card)
+            deck.set(DeckQuantity("gravity", part, direction=(x, y, z)), values[0], card)
 
 
 def dsload(deck: Translation, card: Card) -> None:
@@ -311,11 +311,11 @@ def dsload(deck: Translation, card: Card) -> None:
         if not fields or not deck.faces(fields[0]):
             deck.refuse(card, "the surface is on no part", ", ".join(fields), row=i)
         elif word == "P" and values and len(values) == 1:
-            deck.set(Quantity("pressure", deck.faces(fields[0])[0].partition(".")[2]), values[0], card)
+            deck.set(DeckQuantity("pressure", deck.faces(fields[0])[0].partition(".")[2]), values[0], card)
         elif word == "TRVEC" and values is not None and len(values) == 4 and any(values[1:]):
             x, y, z = (np.array(values[1:]) / np.linalg.norm(values[1:])).tolist()
             target = deck.faces(fields[0])[0].partition(".")[2]
-            deck.set(Quantity("traction", target, direction=(x, y, z)), values[0], card)
+            deck.set(DeckQuantity("traction", target, direction=(x, y, z)), values[0], card)
         else:
             deck.refuse(card, "P and TRVEC alone are translated", ", ".join(fields), row=i)
     deck.used(card, "pressure or traction of [load.NAME]")
@@ -333,7 +333,7 @@ def temperature(deck: Translation, card: Card) -> None:
             deck.refuse(card, what, ", ".join(fields), row=i)
             continue
         for part in parts:
-            deck.set(Quantity("temperature", part), values[0], card)
+            deck.set(DeckQuantity("temperature", part), values[0], card)
     deck.used(card, "[temperature.NAME], as a change from the initial temperature")
 
 

@@ -17,7 +17,7 @@ from ..mesh_files.deck_card import Card, FileLine
 from ..mesh_files.deck_model import DeckModel
 from ..mesh_files.deck_scene import faces_of, parts_with, rows_of_set
 from ..scene.substructures import part_name
-from .histories import Amplitude, History, Quantity, Setting, Step
+from .histories import Amplitude, DeckHistory, DeckQuantity, DeckStep, Setting
 
 USED: Final = "used"
 LEFT_OUT: Final = "left out"
@@ -39,7 +39,7 @@ class Said:
 
 
 @dataclass
-class Bolt:
+class SectionBolt:
     """A pre-tension section: name of its table, the node whose first degree of freedom tightens it, and the sign of a
     number there that does."""
 
@@ -64,15 +64,15 @@ class Translation:
 
     content: MeshContent
     parts: Mapping[str, str]
-    steps: list[Step]
+    steps: list[DeckStep]
     problems: list[Problem] = field(default_factory=list)
     said: list[Said] = field(default_factory=list)
     tables: dict[str, dict[str, Any]] = field(default_factory=dict)
     material_keys: dict[str, dict[str, Any]] = field(default_factory=dict)
-    histories: dict[Quantity, History] = field(default_factory=dict)
+    histories: dict[DeckQuantity, DeckHistory] = field(default_factory=dict)
     amplitudes: dict[str, Amplitude] = field(default_factory=dict)
     interactions: dict[str, dict[str, Any]] = field(default_factory=dict)
-    bolts: dict[str, Bolt] = field(default_factory=dict)
+    bolts: dict[str, SectionBolt] = field(default_factory=dict)
     initial: dict[str, float] = field(default_factory=dict)
     material: str = ""
     interaction: str = ""
@@ -91,7 +91,7 @@ class Translation:
         return any(step.dynamic for step in self.steps)
 
     @property
-    def step(self) -> Step | None:
+    def step(self) -> DeckStep | None:
         """The step that is being read; None before the first."""
         return self.steps[self.number - 1] if self.number else None
 
@@ -193,9 +193,9 @@ class Translation:
         self.tables.setdefault("output", {}).update(keys)
 
     # -- loads and motions ---------------------------------------------------------------------------------------
-    def set(self, quantity: Quantity, value: float, card: Card) -> None:
+    def set(self, quantity: DeckQuantity, value: float, card: Card) -> None:
         """Set a quantity from the present step on; forces that one step sets several times add up."""
-        history = self.histories.setdefault(quantity, History())
+        history = self.histories.setdefault(quantity, DeckHistory())
         amplitude = self.amplitudes.get(card.name("AMPLITUDE").upper())
         last = history.settings[-1] if history.settings else None
         if last is not None and last.step == self.number:

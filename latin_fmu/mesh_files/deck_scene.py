@@ -261,6 +261,7 @@ def set_named(content: MeshContent, name: str) -> str:
 
 
 def rows_of_set(content: MeshContent, name: str) -> Index:
+    """Rows of the nodes of a set, or of a node by its number; none where it is not there."""
     return content.node_sets.get(set_named(content, name), NO_ROWS)
 
 

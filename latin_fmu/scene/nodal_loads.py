@@ -18,7 +18,7 @@ class NodalLoad(LoadKind):
 
     def nodal_forces(self, face: LoadedFace, /) -> Array:
         """The same force on each node."""
-        forces: Array = np.tile(self._along(), (len(face.points), 1))
+        forces: Array = np.tile(self._on_each(), (len(face.points), 1))
         return forces
 
     def largest_traction(self, face: LoadedFace, /) -> float:
@@ -27,13 +27,13 @@ class NodalLoad(LoadKind):
 
     def mean_traction(self, face: LoadedFace) -> Array:
         """Resultant over the area around the nodes (3,) where the law is 1, Pa."""
-        mean: Array = len(face.points) * self._along() / face.node_area
+        mean: Array = len(face.points) * self._on_each() / face.node_area
         return mean
 
     def arrow(self, _normal: Array, /) -> Array:
         """Along the force."""
-        return self._along()
+        return self._on_each()
 
-    def _along(self) -> Array:
+    def _on_each(self) -> Array:
         """The force along the global axes (3,), N."""
         return np.asarray(self.to_global(self.nodal_force or (0.0, 0.0, 0.0)), dtype=float)
