@@ -14,22 +14,21 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from keyword import iskeyword
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, TextIO
 
 from . import __version__
 from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, StopSignals, say
-from .commands.options import Command, CommandParser
+from .commands.options import Command, CommandParser, function_name
 from .errors import InputError, LatinError, ResultsError, did_you_mean
 
 COMMANDS: Final = MappingProxyType(
     {
         "run": "run",
-        "import": "decks",
         "check": "describe",
         "explain": "describe",
+        "import": "decks",
         "plot": "describe",
         "view": "describe",
         "reference": "describe",
@@ -272,8 +271,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("-V", "--version", action="version", version=version, help="print the version")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=CommandParser)
     for name in words[:1] if words and words[0] in COMMANDS else COMMANDS:
-        # the function of a command whose name is a word of Python ends with _
-        function = name + "_" * iskeyword(name)
-        command: Command = getattr(import_module(f".commands.{COMMANDS[name]}", __package__), function)
+        module = import_module(f".commands.{COMMANDS[name]}", __package__)
+        command: Command = getattr(module, function_name(name))
         command.declare(commands.add_parser)
     return parser

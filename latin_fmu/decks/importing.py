@@ -72,13 +72,13 @@ class ImportedDeck:
 
 
 def is_deck(path: Path) -> bool:
-    """Whether a file is a deck and no scene: by its name, and its first keyword."""
-    if path.suffix.lower() not in (".inp", ".dck"):
-        return False
+    """Whether a file is a deck and no scene, by its first keyword."""
     try:
+        if not path.is_file():
+            return False
         with path.open(encoding="utf-8", errors="replace") as file:
             return is_abaqus(file.read(20_000))
-    except OSError:
+    except (OSError, ValueError):  # a name that the system refuses
         return False
 
 
