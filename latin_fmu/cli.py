@@ -20,7 +20,7 @@ from typing import Final, TextIO
 
 from . import __version__
 from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, StopSignals, say
-from .commands.options import Command, CommandParser
+from .commands.options import Command, CommandParser, function_name
 from .errors import InputError, LatinError, ResultsError, did_you_mean
 
 COMMANDS: Final = MappingProxyType(
@@ -28,6 +28,7 @@ COMMANDS: Final = MappingProxyType(
         "run": "run",
         "check": "describe",
         "explain": "describe",
+        "import": "decks",
         "plot": "describe",
         "view": "describe",
         "reference": "describe",
@@ -61,6 +62,7 @@ examples:
   latin-fmu plot two_specimen_crushing/scene.toml -o assembly.png
   latin-fmu view crushing.nc
   latin-fmu run two_specimen_crushing/scene.toml --set load.press.pressure=100e6
+  latin-fmu import bracket.inp
   latin-fmu cost two_specimen_crushing/scene.toml -o study
   latin-fmu sweep two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
   latin-fmu calibrate scene.toml shock.csv --fit bolt.m6.force --fit interface.lap.friction_coefficient
@@ -269,6 +271,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("-V", "--version", action="version", version=version, help="print the version")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=CommandParser)
     for name in words[:1] if words and words[0] in COMMANDS else COMMANDS:
-        command: Command = getattr(import_module(f".commands.{COMMANDS[name]}", __package__), name)
+        module = import_module(f".commands.{COMMANDS[name]}", __package__)
+        command: Command = getattr(module, function_name(name))
         command.declare(commands.add_parser)
     return parser

@@ -246,7 +246,7 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     whole = {key: value for key, value in raw.items() if key != "mesh"}
     whole["substructure"] = {**parts, **rest}
     for content, groups_of_file, table in said:
-        if content.deck is not None:
+        if content.deck is not None and not table.mesh_only:
             from .mesh_files.deck_scene import with_deck
 
             whole = with_deck(whole, content, groups_of_file, table.scale, problems)
@@ -343,6 +343,8 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
     mesh: dict[str, Any] = {"file": table.file, "scale": table.scale, "refine": table.refine}
     if table.ignore:
         mesh["ignore"] = list(table.ignore)
+    if table.mesh_only:
+        mesh["mesh_only"] = True
     if group is not None:
         mesh["group"] = group
     default = {} if table.material is None else {"material": table.material}

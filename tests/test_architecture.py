@@ -35,6 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("scene",),
     ("mesh_files",),
     ("reader", "tables"),
+    ("decks",),
     ("cholesky", "laws"),
     ("kernels",),
     ("fem", "interface", "time_scheme"),

@@ -24,11 +24,13 @@ from latin_fmu.commands.options import (
     Option,
     command,
     documented,
+    function_name,
     handed,
 )
 
 EVERY: dict[str, Command] = {
-    name: getattr(import_module(f"latin_fmu.commands.{module}"), name) for name, module in COMMANDS.items()
+    name: getattr(import_module(f"latin_fmu.commands.{module}"), function_name(name))
+    for name, module in COMMANDS.items()
 }
 HELPS: dict[str, CommandParser] = next(
     action.choices for action in _parser([])._actions if isinstance(action, argparse._SubParsersAction)
@@ -251,7 +253,7 @@ def test_defaults_that_a_help_names_are_those_of_the_code() -> None:
 @pytest.mark.parametrize("name", EVERY)
 def test_every_option_of_a_command_has_a_sentence(name: str) -> None:
     HELPS[name].format_help()
-    assert EVERY[name].function.__name__ == name
+    assert EVERY[name].function.__name__ == function_name(name)
     assert all(action.help for action in HELPS[name]._actions)
 
 

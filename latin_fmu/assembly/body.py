@@ -453,7 +453,8 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
         tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}
         here = {name: t for name, t in tables.items() if scene.base_dir / t.file == path}
         by_group = {t.group: name for name, t in here.items() if t.group is not None}
-        if content is not None and (words := left_out(content, by_group, scene)):
+        whole = not any(t.mesh_only for t in here.values())
+        if whole and content is not None and (words := left_out(content, by_group, scene)):
             verb = "is"
             if len(words) > 1:
                 verb = "are"

@@ -10,8 +10,19 @@ import numpy as np
 from ..fem.faces import Face
 from ..fem.location import MeanMotion
 from ..latin.assembly import Array
-from ..scene.fields import split_face
+from ..scene.fields import ALL_OF_IT, split_face
 from .body import Body
+
+
+def _with_points(body: Body, name: str) -> Face:
+    """A face with the edges and points of its name, which have no area."""
+    nodes = body.nodes_of(name)
+    areas, vector_areas = np.zeros(len(nodes)), np.zeros((len(nodes), 3))
+    if name in body.mesh.faces:
+        facets = body.face(name)
+        rows = np.searchsorted(nodes, facets.nodes)
+        areas[rows], vector_areas[rows] = facets.areas, facets.vector_areas
+    return Face(nodes, areas, vector_areas)
 
 
 @dataclass(frozen=True)
@@ -20,7 +31,8 @@ class BodyFace:
 
     Attributes
     ----------
-    places : (n_node, 3) nodes of the whole body, m. face : nodes and areas of the face.
+    places : (n_node, 3) nodes of the whole body, m. face : nodes and areas of the face; edges and points of its name
+    have no area. node_area : around the nodes, m2: as many shares of the whole boundary.
 
     Examples
     --------
@@ -35,12 +47,20 @@ class BodyFace:
 
     places: Array
     face: Face
+    node_area: float
 
     @staticmethod
     def of(bodies: Mapping[str, Body], face: str) -> BodyFace:
         """The face ``"substructure.face"`` of one of the bodies."""
         name, face_part = split_face(face)
-        return BodyFace(bodies[name].mesh.nodes, bodies[name].face(face_part))
+        body = bodies[name]
+        whole = body.face(ALL_OF_IT)
+        if face_part in body.mesh.points:
+            found = _with_points(body, face_part)
+        else:
+            found = body.face(face_part)
+        share = float(whole.areas.sum()) / len(whole.nodes)
+        return BodyFace(body.mesh.nodes, found, share * len(found.nodes))
 
     @property
     def points(self) -> Array:

@@ -38,6 +38,7 @@ from ..scene.boundaries import (
 )
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.laws import HalfSineLaw, sampled_impulse_error
+from ..scene.nodal_loads import NodalLoad
 from ..scene.schema import Scene, faces_of
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
@@ -84,14 +85,14 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
         mesh = bodies[substructure].mesh
         faces = sorted(mesh.faces)
         if face in mesh.points and face not in faces:
-            # edges and points can be held, and have no area for anything else
-            if not (where.startswith("boundary.") and isinstance(scene.boundary[where.split(".")[1]], Fixed)):
+            # they have no area for anything else
+            if not _takes_points(scene, where):
                 problems.add(
                     where,
                     "this node set is an edge or a point and has no area",
                     f"{side}, {len(mesh.points[face])} nodes",
                     ", ".join(faces) or None,
-                    'an edge or point can be fixed: [boundary.NAME] type = "fixed"',
+                    'an edge or point can be fixed, [boundary.NAME] type = "fixed", or take a nodal_force',
                 )
             continue
         if face not in faces and face != ALL_OF_IT:
@@ -102,6 +103,14 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
             problems.add(
                 where, "unknown face", side, ", ".join(faces) or "no named surface group touches this volume", remedy
             )
+
+
+def _takes_points(scene: Scene, where: str) -> bool:
+    """Whether what names a face takes an edge or a point: a support, a load on nodes."""
+    table, name = where.split(".")[:2]
+    if table == "boundary":
+        return isinstance(scene.boundary[name], Fixed)
+    return table == "load" and scene.load[name].kind is NodalLoad
 
 
 def redundancy_remarks(scene: Scene) -> list[str]:

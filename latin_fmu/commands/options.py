@@ -35,6 +35,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from importlib import import_module
+from keyword import iskeyword
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
@@ -272,7 +273,7 @@ class Command:
         if self.examples:
             formatter = argparse.RawDescriptionHelpFormatter
         parser = add(
-            self.function.__name__,
+            self.function.__name__.rstrip("_"),
             help=(text[:1].lower() + text[1:]).rstrip("."),
             description=text,
             epilog=self.examples,
@@ -284,6 +285,15 @@ class Command:
     def __call__(self, arguments: argparse.Namespace) -> int:
         """Run it with the arguments that the parser has found."""
         return self.function(**_values(self.function, vars(arguments)))
+
+
+def function_name(command_name: str) -> str:
+    """Name of the function of a command, which ends with _ where that of the command is a word of Python.
+
+    >>> function_name("import"), function_name("run")
+    ('import_', 'run')
+    """
+    return command_name + "_" * iskeyword(command_name)
 
 
 def command(examples: str | None = None, feeds: tuple[str, ...] = ()) -> Callable[[Callable[..., int]], Command]:

@@ -34,6 +34,7 @@ from . import (
     seconds,
     started_together,
 )
+from .decks import Units, is_deck_file, told_scene
 from .options import Option, command
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """\
 examples:
   latin-fmu run scene.toml
+  latin-fmu run bracket.inp --units mm-t-s
   latin-fmu run scene.toml -o out.nc --set solver.tolerance=1e-4 --set output.fields=true --vtk for_paraview
   latin-fmu run scene.toml --json > report.json
   latin-fmu run scene.toml -o out.nc --checkpoint 10min --resume
@@ -92,6 +94,7 @@ class SolveOptions(OfScene):
         Path | None,
         Option("results file (default: <name of the scene>.nc in the current folder)", "OUT.nc", "-o", output_file),
     ] = None
+    units: Units = None
     strict: Strict = False
     json: Json = False
     quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
@@ -145,10 +148,17 @@ class SolveOptions(OfScene):
 
 @command(_EXAMPLES)
 def run(options: SolveOptions, signals: Signals) -> int:
-    """Solve a scene and write its results."""
+    """Solve a scene, or a deck of Abaqus or CalculiX, and write its results."""
     if options.output is not None:
         check_netcdf(options.output)
     processes = started_together()
+    if is_deck_file(options.scene):
+        if processes is not None:
+            remedy = f"latin-fmu import {options.scene}, and run the scene"
+            raise InputError.of("bad argument", str(options.scene), "a deck is run by one process", remedy=remedy)
+        options = replace(options, scene=told_scene(options.scene, options.units, options.quiet))
+    elif options.units is not None:
+        raise InputError.of("bad argument", "--units", "a scene has units of its own", remedy="omit it")
     if processes is None:
         return _run_alone(options, signals)
     with ending_together(processes, signals):

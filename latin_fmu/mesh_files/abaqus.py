@@ -9,17 +9,20 @@ without regard to case and keep the spelling of their first use. What else the d
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from ..errors import listed
-from .abaqus_cards import Card, cards
+from .abaqus_cards import cards
 from .abaqus_deck import NODES_OF, DeckScopes
 from .abaqus_scope import Scope
 from .content import CORNERS, FLAT, NO_ROWS, Array, FileProblems, Include, Index, MeshContent, pieces, rows_of
 from .coordinates import turned
+from .deck_card import Card
+from .deck_loads import FACES, NAMES_SETS, NODES, is_label, loaded_groups
 from .deck_model import DeckModel, numbers
 from .middle_nodes import complete, in_vtk_order
 from .unused import nodes_in_cells, note
@@ -88,6 +91,7 @@ class _PlacedDeck:
         self.points: list[Array] = []
         self.n_point = self.n_element = 0
         self.kinds: list[str] = []  # of every block of elements
+        self.names: list[str] = []  # of its type in the deck
         self.first: list[int] = []  # global number of its first element
         self.cells: list[Index] = []
         self.frames = [self._frame("", deck.root, None)]
@@ -111,7 +115,8 @@ class _PlacedDeck:
             self.points.append(points)
             self.n_point += len(points)
         every: list[Index] = []
-        for kind, labels, connectivity in scope.elements:
+        for block in scope.elements:
+            labels, connectivity = block.labels, block.nodes
             rows, there = rows_of(frame.node_labels, connectivity.ravel())
             absent = connectivity.ravel() == 0  # a middle node that the file leaves out
             there |= absent
@@ -122,7 +127,8 @@ class _PlacedDeck:
                     f"node {connectivity.ravel()[bad]} of element {labels[bad // connectivity.shape[1]]}",
                 )
                 continue
-            self.kinds.append(kind)
+            self.kinds.append(block.kind)
+            self.names.append(block.name)
             self.first.append(self.n_element)
             # rows in the table of all instances
             self.cells.append(np.where(absent, -1, rows + frame.first_node).reshape(connectivity.shape))
@@ -241,6 +247,7 @@ class _DeckContent(_PlacedDeck):
             span = slice(self.first[block], self.first[block] + len(cells))
             ordered, order = in_vtk_order(content.points, kind, cells, "Abaqus")
             self.row_in_type[span] = content.add_solids(kind, ordered)
+            content.add_type(self.names[block], kind, self.row_in_type[span])
             if order != "Abaqus":
                 content.said.append(f"the middle nodes of {len(cells)} {kind} cells are in the order of {order}")
         complete(content)
@@ -253,7 +260,7 @@ class _DeckContent(_PlacedDeck):
         for frame in self.frames:
             for key, items in frame.scope.surfaces.items():
                 self._add_surface(content, frame, self.deck.spelled[key], items)
-        self._add_held_nodes(content)
+        self._add_loaded(content)
         self._note_skipped(content)
         self.problems.stop()
         content.parts = self._parts(content)
@@ -276,13 +283,28 @@ class _DeckContent(_PlacedDeck):
     def _add_held_nodes(self, content: MeshContent) -> None:
         """Nodes that a support or transformation names by their number."""
         for support in self.deck.model.supports:
-            label = support.name.rpartition(".")[2]
-            if label.isascii() and label.isdigit() and len(label) < 19:
-                owner = support.name.rpartition(".")[0].upper()
-                frame = self._named(owner, self.frames[0])
-                rows, there = rows_of(frame.node_labels, np.array([int(label)], dtype=np.int64))
-                # CalculiX leaves nodes out that are not there
-                content.add_nodes(f"NODE_{label}", rows[there] + frame.first_node)
+            if is_label(support.name):
+                self._add_nodes_by_number(content, f"NODE_{support.name.rpartition('.')[2]}", [support.name])
+
+    def _add_nodes_by_number(self, content: MeshContent, name: str, texts: Iterable[str]) -> None:
+        """Nodes by their numbers under a name; CalculiX leaves those out that are not there."""
+        by_frame: dict[str, list[int]] = {}
+        for text in texts:
+            owner, _, label = text.rpartition(".")
+            by_frame.setdefault(owner.upper(), []).append(int(label))
+        for owner, labels in by_frame.items():
+            frame = self._named(owner, self.frames[0])
+            rows, there = rows_of(frame.node_labels, np.array(labels, dtype=np.int64))
+            content.add_nodes(name, rows[there] + frame.first_node)
+
+    def _add_loaded(self, content: MeshContent) -> None:
+        """Nodes and faces of elements that loads, supports and outputs name by their numbers."""
+        self._add_held_nodes(content)
+        for group in (group for card in self.deck.model.cards for group in loaded_groups(card)):
+            if group.kind == NODES and group.members:
+                self._add_nodes_by_number(content, group.name, (text for text, _ in group.members))
+            for text, label in group.members if group.kind == FACES else ():
+                self._add_surface(content, self.frames[0], group.name, [(text, label)])
 
     def _add_sets(self, content: MeshContent, frame: _Frame) -> None:
         model = self.deck.model
@@ -291,6 +313,10 @@ class _DeckContent(_PlacedDeck):
             ("N", name.rpartition(".")[2].upper()) for name in (*model.transforms, *(s.name for s in model.supports))
         }
         used |= {("E", name.rpartition(".")[2].upper()) for name in model.rigid}
+        for card in model.cards:
+            if card.keyword in NAMES_SETS:
+                first = {fields[0].rpartition(".")[2].strip('"').upper() for _, fields in card.tokens() if fields}
+                used |= {(kind, name) for kind in "NE" for name in first}
         for kind, key in frame.scope.sets:
             rows = self._find(frame, kind, key)
             name = self.deck.spelled[key]

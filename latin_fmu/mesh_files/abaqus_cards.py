@@ -3,66 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
-from .content import Array, FileLine, FileProblems, Include, Index
+from .content import Array, FileProblems, Include, Index
+from .deck_card import Card, real
 
 _DATA: Final = frozenset(
     {
         *("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SYSTEM", "NGEN", "NFILL", "ELGEN", "NCOPY", "INSTANCE"),
         *("ELASTIC", "DENSITY", "TIE", "BOUNDARY", "TRANSFORM", "CONTACT PAIR"),
+        *("AMPLITUDE", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", "INITIAL CONDITIONS"),
     }
 )
 """Keywords whose data lines are read, from another file, too (INPUT=)."""
-
-
-@dataclass
-class Card:
-    """One keyword with its parameters and data lines.
-
-    Attributes
-    ----------
-    keyword : in capitals. parameters : by name in capitals. where, line : file and line of the keyword, from 1.
-    rows : data lines as written. lines, files : line and file of each of them.
-    """
-
-    keyword: str
-    parameters: dict[str, str]
-    where: str
-    line: int
-    rows: list[str] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
-    files: list[str] = field(default_factory=list)
-
-    def name(self, key: str) -> str:
-        """A parameter, empty where it is not given."""
-        return self.parameters.get(key, "")
-
-    @property
-    def place(self) -> FileLine:
-        """Where the keyword stands."""
-        return FileLine(self.where, self.line)
-
-    def row_place(self, i: int) -> FileLine:
-        """Where data line ``i`` stands."""
-        return FileLine(self.files[i], self.lines[i])
-
-    def add(self, row: str, where: str, line: int) -> None:
-        """Append a data line."""
-        self.rows.append(row)
-        self.files.append(where)
-        self.lines.append(line)
-
-    def tokens(self) -> Iterator[tuple[int, list[str]]]:
-        """Number, from 0, and the fields of each data line without empty ones at its end."""
-        for i, row in enumerate(self.rows):
-            fields = [item.strip() for item in row.split(",")]
-            while fields and not fields[-1]:
-                fields.pop()
-            yield i, fields
 
 
 def cards(text: str, include: Include, problems: FileProblems) -> Iterator[Card]:
@@ -152,13 +107,6 @@ def _with_input(card: Card, include: Include, problems: FileProblems) -> Card:
     for row, where, line_number in zip(card.rows, card.files, card.lines, strict=True):
         whole.add(row, where, line_number)
     return whole
-
-
-def real(field: str) -> float:
-    """Number of a field as Fortran writes it, 0 where it is empty."""
-    if field:
-        return float(field.upper().replace("D", "E"))
-    return 0.0
 
 
 def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:

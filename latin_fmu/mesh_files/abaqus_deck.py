@@ -7,11 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from .abaqus_cards import Card, elements_of, nodes_of
+from .abaqus_cards import elements_of, nodes_of
 from .abaqus_elements import element_type, fills_volume
-from .abaqus_scope import MAKING, Member, Scope, make_more
+from .abaqus_scope import MAKING, ElementBlock, Member, Scope, make_more
 from .content import CORNERS, FLAT, FileProblems, MeshContent
 from .coordinates import BASIC, CoordinateSystem, cartesian, from_x_axis
+from .deck_card import Card
 from .deck_model import DeckModel, numbers
 from .unused import Skipped
 
@@ -66,6 +67,11 @@ class DeckScopes:
         if keyword not in _TABLES:
             rows = [fields for _, fields in card.tokens()]
         self.model.take(keyword, card.parameters, rows, card.line)
+        if keyword in _TABLES:
+            # its lines are in the mesh
+            self.model.cards.append(Card(keyword, card.parameters, card.where, card.line))
+        else:
+            self.model.cards.append(card)
         if keyword == "NODE":
             self._nodes(card)
         elif keyword == "SYSTEM":
@@ -147,6 +153,7 @@ class DeckScopes:
     def _elements(self, card: Card) -> None:
         name = card.name("TYPE").upper()
         kind = element_type(name)
+        self.model.element_types.setdefault(name, card.place)
         if kind is None:
             if fills_volume(name) or not name:
                 problem = self.problems.problem(
@@ -167,7 +174,7 @@ class DeckScopes:
             kind = ("wedge18", 18)
         corners = CORNERS.get(kind[0]) or FLAT[kind[0]]
         labels, connectivity = elements_of(card, kind[1], corners, self.problems)
-        self._here.elements.append((kind[0], labels, connectivity))
+        self._here.elements.append(ElementBlock(kind[0], name, labels, connectivity))
         if card.name("ELSET"):
             self._members("E", card.name("ELSET"), [("", str(label), 0, 0) for label in labels.tolist()])
 

@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from .abaqus_cards import Card, real
 from .content import NO_ROWS, Array, FileProblems, Index, rows_of
 from .coordinates import BASIC, CoordinateSystem, turned
+from .deck_card import Card, real
 
 MAKING: Final = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
 """Keywords that make nodes or elements out of others."""
@@ -25,21 +25,36 @@ Member = tuple[str, str, int, int]
 """Of a set: instance, label or name, last label and step of a range; both 0 for one label or name."""
 
 
+@dataclass(frozen=True, eq=False)
+class ElementBlock:
+    """Elements of one type.
+
+    Attributes
+    ----------
+    kind : VTK type. name : type as the deck writes it, in capitals. labels : (n,). nodes : labels (n, n_node).
+    """
+
+    kind: str
+    name: str
+    labels: Index
+    nodes: Index
+
+
 @dataclass(eq=False)
 class Scope:
     """Content between *PART and *END PART, *INSTANCE and *END INSTANCE, or outside of them.
 
     Attributes
     ----------
-    nodes : labels (n,) and coordinates (n, 3) of each block; a label given again replaces the node. elements : VTK
-    type, labels (n,) and node labels (n, n_node) of each block. sets : members by kind, "N" or "E", and name in
+    nodes : labels (n,) and coordinates (n, 3) of each block; a label given again replaces the node. elements : in
+    blocks of one type. sets : members by kind, "N" or "E", and name in
     capitals. surfaces : (set or label, face) by name. sections : element sets of solid sections. unsorted : node sets,
     in capitals, whose nodes count in the order of the file. system : in which
     coordinates of nodes are given. origin : of an instance, the scope of its part.
     """
 
     nodes: list[tuple[Index, Array]] = field(default_factory=list)
-    elements: list[tuple[str, Index, Index]] = field(default_factory=list)
+    elements: list[ElementBlock] = field(default_factory=list)
     sets: dict[tuple[str, str], list[Member]] = field(default_factory=dict)
     surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     sections: list[str] = field(default_factory=list)
@@ -63,7 +78,7 @@ class Scope:
         if kind == "N":
             every = self.all_nodes()[0]
         else:
-            every = np.concatenate([NO_ROWS, *(e[1] for e in self.elements)])
+            every = np.concatenate([NO_ROWS, *(block.labels for block in self.elements)])
         for _, text, last, step in self.sets.get((kind, name.upper()), []) if name.upper() not in path else []:
             if last:
                 first = int(text)
@@ -224,12 +239,12 @@ def _elgen(scope: Scope, _: Card, fields: list[str]) -> list[int]:
     of_elements = steps[2::3]
     if min(counts) < 1 or math.prod(counts) > _MOST:
         raise _RefusedError("the numbers of elements")
-    kind, nodes = _element(scope, master)
+    block, nodes = _element(scope, master)
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)[1:]
     labels = master + grid @ np.array(of_elements)
     # a middle node that is not there stays so
     cells = np.where(nodes > 0, nodes + (grid @ np.array(of_nodes))[:, None], 0)
-    scope.elements.append((kind, labels, cells))
+    scope.elements.append(ElementBlock(block.kind, block.name, labels, cells))
     return [master, *labels.tolist()]
 
 
@@ -240,12 +255,13 @@ def _elcopy(scope: Scope, card: Card) -> list[int]:
     of_elements, of_nodes = _whole(card.name("ELEMENT SHIFT")), _whole(card.name("SHIFT NODES"))
     wanted = scope.labels_in("E", card.name("OLD SET"))
     copied: list[int] = []
-    for kind, labels, cells in list(scope.elements):
-        chosen = np.isin(labels, wanted)
+    for block in list(scope.elements):
+        chosen = np.isin(block.labels, wanted)
         if chosen.any():
-            nodes = cells[chosen]
-            scope.elements.append((kind, labels[chosen] + of_elements, np.where(nodes > 0, nodes + of_nodes, 0)))
-            copied += (labels[chosen] + of_elements).tolist()
+            nodes, labels = block.nodes[chosen], block.labels[chosen] + of_elements
+            shifted = np.where(nodes > 0, nodes + of_nodes, 0)
+            scope.elements.append(ElementBlock(block.kind, block.name, labels, shifted))
+            copied += labels.tolist()
     if not copied:
         raise _RefusedError(f"OLD SET={card.name('OLD SET')} has no elements")
     return copied
@@ -259,10 +275,10 @@ def _points(scope: Scope, labels: Index) -> Array:
     return points[rows]
 
 
-def _element(scope: Scope, label: int) -> tuple[str, Index]:
-    """VTK type and nodes of an element."""
-    for kind, labels, cells in reversed(scope.elements):
-        found = np.flatnonzero(labels == label)
+def _element(scope: Scope, label: int) -> tuple[ElementBlock, Index]:
+    """Block and nodes of an element."""
+    for block in reversed(scope.elements):
+        found = np.flatnonzero(block.labels == label)
         if len(found):
-            return kind, cells[found[0]]
+            return block, block.nodes[found[0]]
     raise _RefusedError(f"no element {label} before this line")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem, listed
+from .deck_card import FileLine as FileLine
 
 if TYPE_CHECKING:
     from .deck_model import DeckModel
@@ -113,7 +114,8 @@ class MeshContent:
         of the mesh table allows it. said : sentences on how the file was read. attached : point masses and spiders.
         unit : of length, as the file names it; empty where it does not.
     deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
-        sections of its volume groups, in capitals.
+        sections of its volume groups, in capitals. types : rows of its cells in ``solids`` by type of element, as the
+        deck writes it in capitals, and type of cell.
     """
 
     points: Array
@@ -130,6 +132,7 @@ class MeshContent:
     attached: list[Attached] = field(default_factory=list)
     deck: DeckModel | None = None
     sections: dict[str, list[str]] = field(default_factory=dict)
+    types: dict[str, dict[str, Index]] = field(default_factory=dict)
 
     def add_solids(self, kind: str, cells: Index) -> Index:
         """Append cells of a type to ``solids``; their rows there, (n_cell,)."""
@@ -148,6 +151,11 @@ class MeshContent:
         """Add rows of ``solids`` to a volume group; a cell given twice is in it once."""
         group = self.volumes.setdefault(name, {})
         group[kind] = np.union1d(group.get(kind, NO_ROWS), rows)
+
+    def add_type(self, name: str, kind: str, rows: Index) -> None:
+        """Note rows of ``solids`` as elements of a type of the deck."""
+        of_type = self.types.setdefault(name, {})
+        of_type[kind] = np.union1d(of_type.get(kind, NO_ROWS), rows)
 
     def add_cells(self, kind: str, cells: Index) -> Index:
         """Append cells where their type is one of solids; their rows in ``solids``, none for other types."""
@@ -259,14 +267,6 @@ def upper_edges_last(cells: Index) -> Index:
     upper edges."""
     n_node = cells.shape[1]
     return cells[:, list(_UPPER_EDGES_LAST.get(n_node, range(n_node)))]
-
-
-@dataclass(frozen=True)
-class FileLine:
-    """A line of a file, from 1."""
-
-    where: str
-    line: int
 
 
 class FileProblems:

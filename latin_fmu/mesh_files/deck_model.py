@@ -13,6 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from .deck_card import Card, FileLine
+from .deck_loads import degrees
+
 _MESH: Final = frozenset(
     {
         "HEADING",
@@ -41,21 +44,6 @@ _MESH: Final = frozenset(
 KEYS: Final = ("young_modulus", "poisson_ratio", "density")
 """Constants of a material that a deck may give."""
 _AXES: Final = "xyz"
-# Components of displacement that a word holds (Abaqus Analysis User's Guide, boundary conditions): XSYMM is a plane of
-# symmetry across x, XASYMM one of antisymmetry.
-_NAMED: Final = {
-    "ENCASTRE": "xyz",
-    "PINNED": "xyz",
-    "XSYMM": "x",
-    "YSYMM": "y",
-    "ZSYMM": "z",
-    "XASYMM": "yz",
-    "YASYMM": "xz",
-    "ZASYMM": "xy",
-    "NOWARP": "",
-    "NOOVAL": "",
-    "NODEFORM": "",
-}
 _OTHER_MOTIONS: Final = ("TYPE", "USER", "SUBMODEL", "FIXED", "BASE NAME", "LOAD CASE", "MASS FLOW")
 """Parameters with which *BOUNDARY says something else than a displacement."""
 
@@ -89,7 +77,8 @@ class DeckModel:
     sections : (element set, material), both in capitals. ties, supports : see there.
     rigid : element sets, in capitals, of rigid bodies. clearances : (slave, master) -> initial distance. contacts :
     slave and master surfaces of contact pairs. transforms : node sets, in capitals, whose components of displacement
-    are counted along axes of their own; the axes x and y where these are the same at all nodes. unused : number of the
+    are counted along axes of their own; the axes x and y where these are the same at all nodes. cards : all of them in
+    order, those of the mesh without their lines. element_types : first place of each, by name. unused : number of the
     keywords that are not read. dropped : words on supports and pairs that are not taken.
     """
 
@@ -101,6 +90,8 @@ class DeckModel:
     clearances: dict[tuple[str, str], float] = field(default_factory=dict)
     contacts: list[tuple[str, str]] = field(default_factory=list)
     transforms: dict[str, tuple[list[float], list[float]] | None] = field(default_factory=dict)
+    cards: list[Card] = field(default_factory=list)
+    element_types: dict[str, FileLine] = field(default_factory=dict)
     unused: Counter[str] = field(default_factory=Counter)
     dropped: list[str] = field(default_factory=list)
     _material: str = ""
@@ -209,25 +200,16 @@ class DeckModel:
     def _fix(self, fields: Sequence[str], line: int) -> None:
         """Add a set or node that is held at zero, or note that it is moved."""
         try:
-            name, first, *rest = fields
-            if first.upper() in _NAMED:
-                components, still = _NAMED[first.upper()], True
-            else:
-                low = int(first)
-                if rest and rest[0]:
-                    high = int(rest[0])
-                else:
-                    high = low
-                # fourth field: the value
-                still = len(rest) < 2 or not rest[1] or float(rest[1].upper().replace("D", "E")) == 0.0
-                if 1 <= low <= high <= 6:
-                    components = _AXES[low - 1 : min(high, 3)]
-                else:
-                    components = ""
-        except ValueError:
-            name = ""
+            name = fields[0]
+            held = list(degrees(list(fields[1:])))
+        except (ValueError, IndexError):
+            self.unused["BOUNDARY"] += 1
+            return
+        still = not any(value for _, value in held)
+        if all(1 <= degree <= 6 for degree, _ in held):
+            components = "".join(_AXES[degree - 1] for degree, _ in held if degree <= 3)
+        else:
             components = ""
-            still = False
         if still and components:
             self.supports.append(HeldSet(name, components, line))
             return

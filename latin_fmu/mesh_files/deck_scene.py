@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -37,6 +37,19 @@ def with_deck(
         is 1, materials are in the units of the scene, where it is 1e-3 of a metre, in mm, t, s, MPa. Else they are
         left out. problems : takes what the deck lacks.
     """
+    whole = with_model(raw, content, parts, scale, problems)
+    fixed = {str(table.get("face")) for table in named_tables(raw, "boundary").values()}
+    supports = {name: table for name, table in _supports(content, parts) if table["face"] not in fixed}
+    supports = {name: table for name, table in supports.items() if name not in named_tables(raw, "boundary")}
+    if supports:
+        whole["boundary"] = {**(raw.get("boundary") or {}), **supports}
+    return whole
+
+
+def with_model(
+    raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, str], scale: float, problems: list[Problem]
+) -> dict[str, Any]:
+    """The scene with the materials, rigid bodies, ties and clearances of the deck, as ``with_deck`` adds them."""
     deck, whole = content.deck, dict(raw)
     assert deck is not None
     if scale in _UNITS and (scale == 1.0 or system_named(raw.get("units")) is SI):
@@ -49,13 +62,7 @@ def with_deck(
     }
     if new:
         whole["interface"] = {**(raw.get("interface") or {}), **new}
-    whole = _with_clearances(whole, content, parts, scale)
-    fixed = {str(table.get("face")) for table in named_tables(raw, "boundary").values()}
-    supports = {name: table for name, table in _supports(content, parts) if table["face"] not in fixed}
-    supports = {name: table for name, table in supports.items() if name not in named_tables(raw, "boundary")}
-    if supports:
-        whole["boundary"] = {**(raw.get("boundary") or {}), **supports}
-    return whole
+    return _with_clearances(whole, content, parts, scale)
 
 
 def left_out(content: MeshContent, parts: Mapping[str, str], scene: Any) -> list[str]:
@@ -71,7 +78,7 @@ def left_out(content: MeshContent, parts: Mapping[str, str], scene: Any) -> list
     lost = [f"*TIE {name}" for name in dict.fromkeys(tie.name for tie in deck.ties) if name not in used]
     faces = {b.face for b in scene.boundary.values() if hasattr(b, "face")}
     for support in deck.supports:
-        tables = list(_tables_of(content, parts, support))
+        tables = list(held_tables(content, parts, support))
         if not any(table["face"] in faces for _, table in tables):
             lost.append(f"*BOUNDARY {support.name}{_why_not(content, parts, support)}")
     lost += [f"*RIGID BODY {elset}" for elset in deck.rigid if not _groups(content, parts, elset)]
@@ -153,7 +160,7 @@ def _ties(content: MeshContent, parts: Mapping[str, str], scale: float) -> Itera
     """Perfect interfaces between surfaces that belong to one part each; a position tolerance is how far they reach."""
     assert content.deck is not None
     for tie in content.deck.ties:
-        sides = [_faces(content, parts, surface) for surface in (tie.slave, tie.master)]
+        sides = [faces_of(content, parts, surface) for surface in (tie.slave, tie.master)]
         if all(len(side) == 1 for side in sides) and sides[0][0].split(".")[0] != sides[1][0].split(".")[0]:
             table: dict[str, Any] = {"sides": [side[0] for side in sides], "behaviour": "perfect"}
             if tie.tolerance is not None and tie.tolerance > 0.0:
@@ -168,7 +175,7 @@ def _with_clearances(
     assert content.deck is not None
     tables = dict(raw.get("interface") or {})
     for pair, value in content.deck.clearances.items():
-        faces = frozenset(face for surface in pair for face in _faces(content, parts, surface))
+        faces = frozenset(face for surface in pair for face in faces_of(content, parts, surface))
         for name, table in named_tables(raw, "interface").items():
             sides = table.get("sides")
             opens = table.get("behaviour", "contact") in _OPENING
@@ -185,7 +192,7 @@ def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[
     assert content.deck is not None
     merged: dict[tuple[str, str], dict[str, Any]] = {}
     for support in content.deck.supports:
-        for name, table in _tables_of(content, parts, support):
+        for name, table in held_tables(content, parts, support):
             before = merged.setdefault((table["face"], str(table.get("axes"))), {"name": name, **table})
             # a set that several lines hold is one boundary
             either = {*before["components"], *table["components"]}
@@ -194,16 +201,16 @@ def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[
         yield str(table.pop("name")), table
 
 
-def _tables_of(
+def held_tables(
     content: MeshContent, parts: Mapping[str, str], support: HeldSet
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Name and table of the boundary on each part that has nodes of a held set."""
-    rows = _held_rows(content, support.name)
-    axes = _axes_at(content, rows, support.components)
+    rows = rows_of_set(content, support.name)
+    axes = axes_at(content, rows, support.components)
     if axes is None:
         return
-    face = _node_set(content, support.name)
-    for part in _parts_with(content, parts, support.name, rows):
+    face = set_named(content, support.name)
+    for part in parts_with(content, parts, support.name, rows):
         if FACE_PATTERN.fullmatch(f"{part}.{face}") is None:
             continue  # a name that a scene cannot hold
         table = {"type": "fixed", "face": f"{part}.{face}", "components": [*support.components], **axes}
@@ -211,21 +218,21 @@ def _tables_of(
 
 
 def _why_not(content: MeshContent, parts: Mapping[str, str], support: HeldSet) -> str:
-    rows = _held_rows(content, support.name)
-    if _axes_at(content, rows, support.components) is None:
+    rows = rows_of_set(content, support.name)
+    if axes_at(content, rows, support.components) is None:
         return " (along axes of *TRANSFORM that differ from node to node)"
-    if _parts_with(content, parts, support.name, rows):
+    if parts_with(content, parts, support.name, rows):
         return ""
     return " (it holds no node of a part)"
 
 
-def _axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, Any] | None:
+def axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, Any] | None:
     """Axes that the components of nodes are counted along: empty for the global ones, None where they differ."""
     assert content.deck is not None
     if components == "xyz":
         return {}
     for name, axes in content.deck.transforms.items():
-        turned = np.isin(rows, _held_rows(content, name))
+        turned = np.isin(rows, rows_of_set(content, name))
         if turned.all() and len(rows) and axes is not None:
             return {"axes": {"x": axes[0], "y": axes[1]}}
         if turned.any():
@@ -233,35 +240,41 @@ def _axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, An
     return {}
 
 
-def _owner(names: Iterable[str], name: str) -> tuple[str, str]:
+def _owner(name: str, *tables: Mapping[str, Any]) -> tuple[str, str]:
     """Instance in capitals, empty where none is named, and the spelling of a set or surface; empty where it is not
     there. Names may have dots of their own."""
     owner, _, short = name.rpartition(".")
-    wanted = {item.upper(): item for item in reversed(list(names))}
+    # first as it is written: a deck may hold thousands of nodes one by one
+    if short.isdigit() and any(f"NODE_{short}" in table for table in tables):
+        return owner.upper(), f"NODE_{short}"
+    if any(name in table for table in tables):
+        return "", name
+    wanted = {item.upper(): item for item in reversed([key for table in tables for key in table])}
     if name.upper() in wanted:
         return "", wanted[name.upper()]
-    return owner.upper(), wanted.get(f"NODE_{short}" if short.isdigit() else short.upper(), "")
+    return owner.upper(), wanted.get(short.upper(), "")
 
 
-def _node_set(content: MeshContent, name: str) -> str:
+def set_named(content: MeshContent, name: str) -> str:
     """Name in the content of a set, or of a node by its number; empty where there is none."""
-    return _owner(content.node_sets, name)[1]
+    return _owner(name, content.node_sets)[1]
 
 
-def _held_rows(content: MeshContent, name: str) -> Index:
-    return content.node_sets.get(_node_set(content, name), NO_ROWS)
+def rows_of_set(content: MeshContent, name: str) -> Index:
+    """Rows of the nodes of a set, or of a node by its number; none where it is not there."""
+    return content.node_sets.get(set_named(content, name), NO_ROWS)
 
 
-def _parts_with(content: MeshContent, parts: Mapping[str, str], name: str, rows: Index) -> list[str]:
+def parts_with(content: MeshContent, parts: Mapping[str, str], name: str, rows: Index) -> list[str]:
     """Parts that have nodes of a set; ``INSTANCE.SET`` names one part."""
-    owner = _owner(content.node_sets, name)[0]
+    owner = _owner(name, content.node_sets)[0]
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
     return [part for group, part in chosen.items() if np.isin(rows, content.nodes_of(group)).any()]
 
 
-def _faces(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
+def faces_of(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
     """``part.face`` of the parts that a surface or node set of this name lies on; ``INSTANCE.SET`` names one part."""
-    owner, spelled = _owner((*content.facets, *content.node_sets), name)
+    owner, spelled = _owner(name, content.facets, content.node_sets)
     if not spelled:
         return []
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from ..errors import listed
-from .abaqus_cards import Card
 from .content import NO_ROWS, FileLine, FileProblems, Index, MeshContent
+from .deck_card import Card
 
 _MASS: Final = "write [point_mass.NAME]"
 _BEAM: Final = "write [spring.NAME], for a screw [bolt.NAME], or mesh them with solids"

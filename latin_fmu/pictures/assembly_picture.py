@@ -315,8 +315,10 @@ def _of_bodies(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
 
 
 def _middle(bodies: Mapping[str, Body], face: str) -> tuple[Array, Array]:
-    """Centre of a face, m, and its mean normal."""
+    """Centre of a face, m, and its mean normal; an edge or point has none, (0, 0, 0)."""
     name, face_name = split_face(face)
+    if face_name != ALL_OF_IT and face_name not in bodies[name].mesh.faces:
+        return bodies[name].mesh.nodes[bodies[name].nodes_of(face_name)].mean(axis=0), np.zeros(3)
     facets = bodies[name].face(face_name)
     weights = np.linalg.norm(facets.vector_areas, axis=1)
     centre = weights @ bodies[name].mesh.nodes[facets.nodes] / weights.sum()

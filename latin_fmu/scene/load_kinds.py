@@ -40,6 +40,10 @@ class LoadedFace(Protocol):
         """Sum of the areas, m2."""
 
     @property
+    def node_area(self) -> float:
+        """Area around the nodes, m2, > 0 for edges and points, too."""
+
+    @property
     def centre(self) -> Array:
         """Mean place by area (3,), m."""
 

@@ -22,18 +22,20 @@ from .load_kinds import (
     ResultantLoad,
     TractionLoad,
 )
+from .nodal_loads import NodalLoad
 from .raw_scene import RawTable, exactly_one, face_problems, given, named_tables
 
 
 class Load(
     # the kinds, that of the last keys of the table first
+    NodalLoad,
     ResultantLoad,
     TractionLoad,
     PressureLoad,
 ):
     """A load on a face, times a law, of exactly one kind. Loads on one face add up."""
 
-    axes: Annotated[LocalAxes | None, about("axes of the traction, force and moment; default: the global axes")] = None
+    axes: Annotated[LocalAxes | None, about("axes of the traction, forces and moment; default: the global axes")] = None
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
     @property

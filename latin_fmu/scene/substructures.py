@@ -108,6 +108,15 @@ Ignored = Annotated[
 ]
 
 
+MeshOnly = Annotated[
+    Flag,
+    about(
+        "of an Abaqus or CalculiX deck nothing but the mesh is taken: its materials, ties and supports stand in the "
+        "scene, as `latin-fmu import` writes them"
+    ),
+]
+
+
 class MeshFile(SceneTable):
     """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, 15 or 18,
     pyramids of 5 or 13, also mixed); its faces are the named surface groups of the file."""
@@ -117,6 +126,7 @@ class MeshFile(SceneTable):
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
     refine: Refinements = 0
     ignore: Ignored = ()
+    mesh_only: MeshOnly = False
 
 
 class ModalDampingTable(SceneTable):
@@ -217,6 +227,7 @@ class MeshParts(SceneTable):
     ] = (ALL,)
     material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = None
     ignore: Ignored = ()
+    mesh_only: MeshOnly = False
     take: Annotated[
         tuple[Literal["CONM2", "RBE2", "RBE3"], ...],
         BeforeValidator(_as_list),

@@ -24,6 +24,7 @@ TURNED = {"x": [0.0, 1.0, 0.0], "y": [-1.0, 0.0, 0.0]}  # x of the load is y
         ({"traction": [3.0, 0.0, 4.0], "axes": TURNED}, 5.0, "Pa", [0.0, 3.0, 4.0]),
         ({"force": [2.0, 0.0, 0.0], "moment": [0.0, 0.0, 9.0], "axes": TURNED}, 2.0, "N", [0.0, 2.0, 0.0]),
         ({"moment": [2.0, 0.0, 0.0], "axes": TURNED}, 2.0, "N m", [0.0, 2.0, 0.0]),
+        ({"nodal_force": [2.0, 0.0, 0.0], "axes": TURNED}, 2.0, "N", [0.0, 2.0, 0.0]),
     ],
 )
 def test_a_load_says_amount_and_arrow(keys: dict[str, Any], amount: float, unit: str, arrow: list[float]) -> None:
@@ -35,7 +36,7 @@ def test_a_load_says_amount_and_arrow(keys: dict[str, Any], amount: float, unit:
 
 
 def test_every_kind_is_complete() -> None:
-    assert len(LOAD_KINDS) == 3
+    assert len(LOAD_KINDS) == 4
     for kind in LOAD_KINDS:
         assert all(unit_of(kind.model_fields[key]) for key in kind.chosen_by)
         # what would be asked of `Load` itself, for ever

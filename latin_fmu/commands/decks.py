@@ -1,0 +1,81 @@
+"""``latin-fmu import``: a deck of Abaqus or CalculiX as a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from ..errors import InputError
+from . import CONVERGED, output_file, say
+from .options import Argument, Option, command
+
+if TYPE_CHECKING:
+    from ..decks.importing import ImportedDeck
+
+Units = Annotated[
+    Literal["mm-t-s", "m", "in", "none"] | None,
+    Option("units of a deck: mm, t, s, MPa; m, kg, s, Pa; in, lbf, s, psi (default: by its modulus and density)"),
+]
+_EXAMPLES = """\
+examples:
+  latin-fmu import bracket.inp
+  latin-fmu import bracket.inp -o bracket.toml --units mm-t-s
+  latin-fmu run bracket.inp                 the same, and a run
+"""
+
+
+@command(_EXAMPLES)
+def import_(
+    file: Annotated[Path, Argument("deck of Abaqus or CalculiX (.inp)", "DECK.inp")],
+    output: Annotated[
+        Path | None,
+        Option("scene file (default: name of the deck, in the current folder)", "NAME.toml", "-o", output_file),
+    ] = None,
+    units: Units = None,
+) -> int:
+    """Write a deck as a scene, and say of each card what becomes of it."""
+    target = output or Path(f"{file.stem}.toml")
+    imported = scene_of_deck(file, target, units, replace=output is not None)
+    print("\n".join([*imported.summary(), f"scene: {target}"]))
+    return CONVERGED
+
+
+def scene_of_deck(file: Path, target: Path, units: str | None, replace: bool = False) -> ImportedDeck:
+    """Write the scene of a deck to a file, and check it; ``replace`` : a file with another text that is there.
+
+    Raises
+    ------
+    InputError : the deck or its scene is refused; ``target`` is there and has another text.
+    """
+    from ..decks.importing import import_deck
+    from ..reader import scene_from_dict
+    from ..results.writing import check_target, write_bytes
+
+    check_target(target)
+    imported = import_deck(file, target.parent, units)  # type: ignore[arg-type]
+    scene_from_dict(dict(imported.tables), target.parent)
+    text = imported.text()
+    if target.is_file() and not replace and target.read_text(encoding="utf-8") != text:
+        what = "this file is there, and is not what the deck becomes: it may hold your changes"
+        remedy = f"run it as it is, remove it, or name another file: latin-fmu import {file} -o NAME.toml"
+        raise InputError.of("the scene is not written", str(target), what, remedy=remedy)
+    write_bytes(target, text.encode())
+    return imported
+
+
+def is_deck_file(file: Path) -> bool:
+    """Whether the argument of a command is a deck and no scene."""
+    if file.suffix.lower() == ".toml":
+        return False
+    from ..decks.importing import is_deck
+
+    return is_deck(file)
+
+
+def told_scene(file: Path, units: str | None, quiet: bool = False) -> Path:
+    """The scene file of a deck beside the results of a run, in the current folder; its summary goes to stderr."""
+    target = Path(f"{file.stem}.toml")
+    imported = scene_of_deck(file, target, units)
+    if not quiet:
+        say("\n".join([*imported.summary(), f"scene: {target}", ""]))
+    return target
