@@ -59,8 +59,7 @@ def step(deck: Translation, card: Card) -> None:
         deck.refuse(card, "a step of small changes about the step before it", "PERTURBATION")
     if card.name("NLGEOM").upper() not in ("", "NO") or ("NLGEOM" in card.parameters and not card.name("NLGEOM")):
         deck.left_out(
-            card,
-            "NLGEOM: displacements and rotations are small here; a motion has the stiffness of the stress of its start",
+            card, "NLGEOM: displacements and rotations are small here; motions have the stiffness of their first stress"
         )
     deck.used(card, "loads and time of the scene")
 
