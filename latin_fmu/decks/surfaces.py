@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER
 from ..mesh_files.abaqus import SOLID_FACES
 from ..mesh_files.content import CORNERS, NO_ROWS, Array, Index, MeshContent
 
@@ -46,6 +47,26 @@ def inner_facets(content: MeshContent, name: str) -> int:
             within = {row.tobytes() for row in unique[times > 1]}
             count += sum(row.tobytes() in within for row in np.concatenate(some))
     return count
+
+
+def unlisted_middles(content: MeshContent, rows: Index) -> int:
+    """Number of middle nodes that are not among some nodes, of outer facets that have all their corners there: a face
+    of quadratic cells has them, and so has what acts on it."""
+    inside = np.zeros(len(content.points), dtype=bool)
+    inside[rows] = True
+    outer: dict[bytes, Index] = {}
+    for kind, cells in content.solids.items():
+        if kind not in CELL_FACES or cells.shape[1] == N_CORNER[kind]:
+            continue
+        for face in CELL_FACES[kind]:
+            corners = FACET_CORNERS[FACET_KIND[len(face)]]
+            nodes = cells[:, list(face)]
+            for row in nodes[inside[nodes[:, :corners]].all(axis=1)]:
+                key = np.sort(row[:corners]).tobytes()
+                # the same facet of a second cell: it is inside the body
+                outer[key] = row[:0] if key in outer else row[corners:]
+    middles = np.unique(np.concatenate([NO_ROWS, *outer.values()]))
+    return int((~inside[middles]).sum())
 
 
 def _tables(content: MeshContent, name: str) -> list[Index]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import latin_fmu
@@ -16,6 +17,8 @@ from latin_fmu.decks.importing import import_deck
 from latin_fmu.decks.units import units_of
 from latin_fmu.errors import InputError
 from latin_fmu.mesh_files.deck_card import Card
+from latin_fmu.stability.surfaces import typed_box
+from tests.mesh_files.decks import node_rows
 
 from .blocks import HELD, OUTPUT, STEEL, block, contact, one_block, static, two_blocks
 from .test_computed import imported
@@ -271,6 +274,23 @@ def test_parts_that_share_nodes_are_bonded(tmp_path: Path) -> None:
 def test_elements_that_differ_are_named(kind: str, words: str, tmp_path: Path) -> None:
     found = imported(plain().replace("C3D8,", f"{kind},"), tmp_path)
     assert any(line.startswith("left out: *ELEMENT") and words in line for line in found.summary())
+
+
+@pytest.mark.parametrize("card", ["*CLOAD\nTOP, 3, -10.\n", "*BOUNDARY\nTOP, 3, 3, -0.001\n"])
+def test_sets_of_corners_of_quadratic_facets_are_refused(card: str, tmp_path: Path) -> None:
+    """A face of the scene has the middle nodes, too: it would take more force, or hold more."""
+    mesh = typed_box("hexahedron20", np.zeros(3), np.full(3, 10.0), (2, 2, 2))
+    text = "*NODE\n" + node_rows(mesh.nodes) + "*ELEMENT, TYPE=C3D20, ELSET=BLOCK\n"
+    for number, cell in enumerate(mesh.blocks[0].cells + 1, 1):
+        text += f"{number}, " + ", ".join(map(str, cell[:10])) + ",\n" + ", ".join(map(str, cell[10:])) + "\n"
+    corners = np.unique(mesh.blocks[0].cells[:, :8])
+    for name, height, among in (("BOTTOM", 0.0, np.arange(mesh.n_node)), ("TOP", 10.0, corners)):
+        labels = among[np.isclose(mesh.nodes[among, 2], height)] + 1
+        text += f"*NSET, NSET={name}\n" + ",\n".join(map(str, labels.tolist())) + "\n"
+    text += f"*SOLID SECTION, ELSET=BLOCK, MATERIAL=STEEL\n{STEEL}{HELD}"
+    said = refusal(text + static(card), tmp_path)
+    assert "corners of quadratic facets without their middle nodes" in said
+    assert "TOP: 12 middle nodes" in said
 
 
 def test_a_file_that_is_no_deck_is_refused(tmp_path: Path) -> None:
