@@ -51,7 +51,7 @@ SMALL_ENERGY: Final = 1e-2
 POINTS: Final = ("origin", "point", "centre")
 VECTORS: Final = (
     *("initial_velocity", "initial_spin", "initial_displacement", "body_force", "acceleration", "traction", "force"),
-    *("moment", "velocity", "direction", "axis", "normal", "x", "y"),
+    *("nodal_force", "moment", "velocity", "direction", "axis", "normal", "x", "y"),
 )
 TENSORS: Final = ("initial_velocity_gradient", "initial_displacement_gradient")
 NOT_TURNED: Final = (
@@ -67,7 +67,18 @@ NOT_TURNED: Final = (
 FROM_FILES: Final = ("points", "values")
 """What the files of initial fields fill; no scene here has one."""
 DOUBLED: Final = (
-    *("pressure", "traction", "force", "moment", "body_force", "acceleration", "change", "initial_velocity", "value"),
+    *(
+        "pressure",
+        "traction",
+        "force",
+        "nodal_force",
+        "moment",
+        "body_force",
+        "acceleration",
+        "change",
+        "initial_velocity",
+        "value",
+    ),
     *(
         "initial_spin",
         "initial_displacement",
