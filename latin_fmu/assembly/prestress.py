@@ -28,13 +28,11 @@ class Prestress:
 
     stiffness: Mapping[str, sp.csr_array]
     words: str
-    period: float = 0.0
+    period: float
 
     def added(self, name: str, stiffness: sp.csr_array) -> sp.csr_array:
-        """K + K_sigma of a body, with the zeros of both: the pattern of a body does not depend on its stress."""
-        matrix = self.stiffness.get(name)
-        if matrix is None:
-            return stiffness
+        """K + K_sigma of a body that has one, with the zeros of both: its pattern does not depend on its stress."""
+        matrix = self.stiffness[name]
         return OperatorPattern([stiffness, matrix]).sum([1.0, 1.0], [stiffness, matrix])
 
 

@@ -38,6 +38,7 @@ from ..joined.joined_assembly import JoinedAssembly, pressed_of
 from ..joined.stress_ratios import StressRatios, known_ratio, stress_ratios
 from ..joined.tied_assembly import TieError
 from ..remarks import remarks_of
+from ..scene.fields import ALL_OF_IT
 from .equilibrium import equilibrium_at_once
 from .places_at_rest import least_displaced
 from .statics import static_problem, static_scene, static_size
@@ -205,13 +206,13 @@ def _of_rigid(problem: DiscretisedProblem, state: InitialState, body: Body) -> s
         local[:, : traction.shape[1]] = sign * traction * unit.geometry.areas[:, None]
         points.append(unit.geometry.points - centre)
         forces.append(np.einsum("pc,pcj->pj", local, unit.geometry.frames))
-    laws = problem.scene.force_laws
+    at_start = {name: float(law.sample(np.zeros(1))[0]) for name, law in problem.scene.force_laws.items()}
+    at_start |= state.amplitudes
     for load in load_terms(problem.scene, body.name, body, None, straining=False):
         # weight acts through the centre
         if load.name in problem.scene.loads:
-            amplitude = float(laws[load.name].sample(np.zeros(1))[0])
             points.append(body.mesh.nodes - centre)
-            forces.append(amplitude * load.pattern.reshape(-1, 3))
+            forces.append(at_start[load.name] * load.pattern.reshape(-1, 3))
     turns = held.basis[3:] / length
     return rigid_stiffness(np.concatenate(points), np.concatenate(forces), turns)
 
@@ -231,7 +232,7 @@ def _stout(problem: DiscretisedProblem, state: InitialState) -> bool:
         recovery = body.shape.recovery if opened is None else opened.recovery(body.shape)
         stress = recovery.nodal_stress(nodal[None])[0]
         largest = float(np.abs(stress).max() + np.abs(_unstrained(problem, body)).max())
-        thickness = 2.0 * float(body.shape.elements.volume.sum()) / float(body.face("*").areas.sum())
+        thickness = 2.0 * float(body.shape.elements.volume.sum()) / float(body.face(ALL_OF_IT).areas.sum())
         strain = largest / body.shape.elasticity.young_moduli[0]
         if _STOUT * strain * (size / thickness) ** 2 > 2.0 * NEGLIGIBLE:
             return False
@@ -264,6 +265,8 @@ def _change(ratios: StressRatios) -> str:
 def _words(ratios: StressRatios) -> str:
     """What the stress of t = 0 does."""
     factor = ratios.load_factor
+    if ratios.largest < 2.0 * NEGLIGIBLE:
+        return "effects.prestress gives the stress of t = 0 its stiffness; it hardly changes natural frequencies"
     words = (
         f"the stress of t = 0 changes natural frequencies by up to {_change(ratios)}, and its stiffness is part of this"
     )

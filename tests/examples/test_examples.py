@@ -168,9 +168,9 @@ def test_estimated_error(example: ModuleType, tmp_path: Path) -> None:
         assert 0.0 < numbers[f"true_{quantity}_{mesh:g}"] < numbers[f"estimated_{quantity}_{mesh:g}"] < 0.05
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("example", ["prestress"], indirect=True)
 def test_prestress(example: ModuleType, tmp_path: Path) -> None:
+    """A stack in contact under a force against the exact column, and its ring-down."""
     numbers = example.main(["--quick", "-o", str(tmp_path)])
     assert _figures(tmp_path) == {"prestress.png"}
     assert numbers["modes against the column, %"] < 1.0
