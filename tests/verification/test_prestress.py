@@ -203,6 +203,39 @@ def test_stress_neither_adds_to_damping_nor_takes_from_it(share: float, propagat
     assert rung == pytest.approx(modes.damping.bodies[0], rel=2e-2)
 
 
+def test_the_force_of_a_bond_is_that_of_the_other_march() -> None:
+    """A pulled strip in two bonded parts, damped by strains: the march by modes finds the bond from the equilibrium of
+    the parts, their stress and its stiffness included."""
+    forces = {}
+    for propagator in ("direct", "modal"):
+        data = pinned(EULER).tables()
+        data["damping"] = {"ratio": 0.05, "band": [100.0, 2000.0]}
+        data["substructure"] = {
+            name: {
+                "material": "steel",
+                "bending_modes": True,
+                "box": {"origin": [at, 0.0, 0.0], "size": [HALF / 2, WIDTH, THICKNESS], "elements": [20, 2, 1]},
+            }
+            for name, at in (("near", 0.0), ("far", HALF / 2))
+        }
+        data["interface"] = {"bond": {"sides": ["near.xmax", "far.xmin"], "behaviour": "perfect"}}
+        data["boundary"] = {
+            "middle": {"type": "symmetry", "face": "near.xmin"},
+            "pin": {"type": "fixed", "face": "far.xmax", "components": ["z"]},
+            "near_side": {"type": "symmetry", "face": "near.ymin"},
+            "far_side": {"type": "symmetry", "face": "far.ymin"},
+        }
+        data["load"]["along"]["face"] = "far.xmax"
+        data["load"]["tap"] = {"face": "near.zmax", "pressure": 1e3, "law": {"type": "half_sine", "duration": 1e-3}}
+        data["time"] = {"end": 4e-3, "step": 1e-5, "start": START}
+        data["solver"] = {"propagator": propagator, "tolerance": 1e-7}
+        solution = latin_fmu.solve(latin_fmu.scene_from_dict(data))
+        assert any("changes natural frequencies" in warning for warning in solution.warnings)
+        forces[propagator] = solution.interfaces["bond"].force()[:, 2]
+    largest = np.abs(forces["direct"]).max()
+    assert np.abs(forces["modal"] - forces["direct"]).max() < 1e-2 * largest
+
+
 def test_a_bent_column_bends_more_under_its_load() -> None:
     """The start of a strip under a force along it and one across it: the deflection grows by 1 / (1 + N / P), its
     shape that of the mode but for 1.5 %; Timoshenko and Gere, Theory of Elastic Stability, section 1.11."""

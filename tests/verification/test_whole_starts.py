@@ -20,7 +20,7 @@ from latin_fmu.joined.tied_assembly import TieError
 from latin_fmu.statics import equilibrium
 from latin_fmu.statics.starts import solved_equilibrium
 from latin_fmu.statics.static_run import StaticMarch
-from latin_fmu.statics.statics import Stage
+from latin_fmu.statics.statics import Stage, static_problem, static_scene
 
 from .test_sliding_frames import frame
 
@@ -142,3 +142,37 @@ def test_the_key_tells_bonds_stiffnesses_and_supports_but_no_friction() -> None:
     assert key("interface", "low0", friction_coefficient=0.9) == same
     bonded, soft = key("interface", "low0", behaviour="perfect"), key("material", "m", young_modulus=1e9)
     assert len({same, bonded, soft, key("boundary", "base", face="low.xmin")}) == 4
+
+
+def test_stages_with_loose_and_tight_bolts_share_nothing() -> None:
+    """Bolts that are tightened to a force have a softer shank than those that keep their shortening."""
+    whole = discretise(lap_joint())
+    scene = static_scene(whole.scene, {}, loaded=False)
+    keys = set()
+    for free in ([], list(whole.cuts)):
+        problem = static_problem(whole, scene, free)
+        keys.add(StaticAssembly.of(problem.classes, problem.units, problem.layout, problem.bodies).key)
+    assert len(keys) == 2
+
+
+def test_layers_of_other_stiffness_share_nothing() -> None:
+    keys = set()
+    for stiffness in (1e12, 1e11):
+        tables = frame(3)
+        del tables["interface"]["low0"]["friction_coefficient"]
+        layer = {"behaviour": "elastic_layer", "normal_stiffness": stiffness, "tangential_stiffness": stiffness}
+        tables["interface"]["low0"] |= layer
+        problem = discretise(scene_from_dict(tables))
+        keys.add(StaticAssembly.of(problem.classes, problem.units, problem.layout, problem.bodies).key)
+    assert len(keys) == 2
+
+
+def test_a_state_is_where_the_next_stage_begins() -> None:
+    """Relative motions among the dofs are those of the state: contacts that have slipped do not slip again."""
+    problem = discretise(lap_joint())
+    state = started(problem)
+    whole = StaticAssembly.of(problem.classes, problem.units, problem.layout, problem.bodies)
+    assert whole.shapes.there is not None
+    expansion, full = whole.shapes.expansion, np.concatenate([state.displacement[m.name] for m in whole.models])
+    assert np.abs(whole.shapes.jump @ full).max() > 1e-9 * np.abs(full).max()
+    assert np.abs(expansion @ whole.reduced(full)[:, 0] - full).max() <= EXACT * np.abs(full).max()
