@@ -1,8 +1,9 @@
 """Attempts at a run: a scene made ready, marched, and made ready anew where the end refutes a choice made before.
 
-Three choices are made before a run that only its end can justify: which bodies are never touched and left out
+Four choices are made before a run that only its end can justify: which bodies are never touched and left out
 (``assembly.untouched``), whether the modes of the assembly are marched in the place of its bodies
-(``effects.modal_choice``), and by how much bolts yield (``assembly.yielding_bolts``). Each has a function here that
+(``effects.modal_choice``), whether the stress of t = 0 has a stiffness where it changes no vibration
+(``statics.prestressed``), and by how much bolts yield (``assembly.yielding_bolts``). Each has a function here that
 reads the end of a run and says whether it stands (``Verdict``).
 """
 
@@ -20,9 +21,10 @@ from .assembly.propagator_choice import by_modes, chosen_propagators
 from .assembly.untouched import touched
 from .assembly.yielding_bolts import Yielding
 from .building import discretise, solver_ready, started
+from .checks.lost_stress import lost_stress, rocking
 from .checks.run_checks import with_faults
 from .effects.cost import Prediction, check_memory, least_output
-from .errors import InputError, Problems, ResultsError, listed
+from .errors import InputError, Problems, ResultsError, SceneError, listed
 from .interface.laws import bonds
 from .joined.tied_assembly import TieError
 from .latin.outcome import Outcome, Timings
@@ -45,13 +47,15 @@ class Attempt:
     Attributes
     ----------
     leave_out : whether bodies that are probably never touched are left out. yielding : plastic elongations of bolts.
-        modes_open : whether a march by modes may be tried. modes_refused : why it was given up.
+        modes_open : whether a march by modes may be tried. modes_refused : why it was given up. stress : "on" or "off"
+        in the place of an automatic choice of ``effects.prestress``, empty before its end has been seen.
     """
 
     leave_out: bool
     yielding: Yielding
     modes_open: bool
     modes_refused: str = ""
+    stress: str = ""
 
     @staticmethod
     def first(scene: Scene, options: RunOptions) -> Attempt:
@@ -63,6 +67,15 @@ class Attempt:
         if modes_open and options.kept is not None:
             refused = options.kept.modes_refused
         return Attempt(options.may_leave_bodies_out, yielding, modes_open and not refused, refused)
+
+    def applied(self, discretised: DiscretisedProblem) -> DiscretisedProblem:
+        """The problem with the elongations of bolts, and with the stiffness of stress or without."""
+        discretised = replace(discretised, elongation=self.yielding.elongation)
+        if not self.stress:
+            return discretised
+        scene = discretised.scene
+        effects = scene.effects.model_copy(update={"prestress": self.stress})
+        return replace(discretised, scene=scene.model_copy(update={"effects": effects}))
 
 
 class Prepared(NamedTuple):
@@ -127,17 +140,21 @@ def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> Standi
         # of the runs that may follow, and of the scenes in which parameters are varied
         options = replace(options, kept=KeptOperators())
     while True:
-        ready = prepared(scene, options, attempt)
         try:
-            run = _marched(scene, options, ready, started)
-        except ResultsError:
-            # the checkpoint may be of a run of another form: of the bodies, or with all of them
-            if ready.problem.untouched is None and not ready.tries_modes:
+            ready = prepared(scene, options, attempt)
+        except SceneError:
+            # what stands without the stiffness of its stress may have no equilibrium with it
+            if attempt.stress != "on":
                 raise
-            if ready.tries_modes:
-                attempt = replace(attempt, modes_open=False)
-            else:
-                attempt = replace(attempt, leave_out=False)
+            attempt = replace(attempt, stress="off")
+            continue
+        try:
+            run = _marched(scene, options, ready, started, attempt.stress)
+        except ResultsError:
+            other = _other_form(scene, attempt, ready)
+            if other is None:
+                raise
+            attempt = other
             continue
         another, standing = _judged(EndedRun(scene, attempt, ready, run, started, options.kept))
         if standing is not None:
@@ -148,6 +165,23 @@ def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> Standi
             options.checkpoint.remove()
         if run.outcome.stream is not None:
             run.outcome.stream.close()
+
+
+def _other_form(scene: Scene, attempt: Attempt, ready: Prepared) -> Attempt | None:
+    """The next form of a run that a checkpoint may be of: of the bodies, with all of them, with the stiffness of their
+    stress; None where it is of none."""
+    if ready.tries_modes:
+        return replace(attempt, modes_open=False)
+    if ready.problem.untouched is not None:
+        return replace(attempt, leave_out=False)
+    if not attempt.stress and _stress_open(scene) and ready.problem.start is not None:
+        return replace(attempt, stress="on")
+    return None
+
+
+def _stress_open(scene: Scene) -> bool:
+    """Whether the stiffness of stress may follow from the end of a run; derivatives do not know of it."""
+    return scene.effects.prestress == "automatic" and not scene.differentiated and not scene.time.quasi_static
 
 
 def _judged(ended: EndedRun) -> tuple[Attempt, StandingRun | None]:
@@ -164,8 +198,8 @@ def _judged(ended: EndedRun) -> tuple[Attempt, StandingRun | None]:
     return ended.attempt, StandingRun(ended.ready, ended.run._replace(outcome=outcome), truncation)
 
 
-def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClock) -> MarchedRun:
-    """One march of a prepared scene."""
+def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClock, stress: str) -> MarchedRun:
+    """One march of a prepared scene; ``stress`` of its attempt."""
     timings = Timings()
     if options.stream is not None:
         check_folder(options.stream, least_output(ready.prediction))
@@ -176,6 +210,8 @@ def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClo
         names = [] if left_out is None else [*left_out.info]
         if ready.tries_modes:
             names += ["by modes"]
+        if stress:
+            names += [f"prestress {stress}"]
         digest = scene_digest(scene, [*(options.behaviours or ()), *names])
     run = march(ready.problem, options, timings, started, digest)
     # of what was marched in the place of the bodies derivatives alone need the fields
@@ -220,6 +256,24 @@ def modes_tried(ended: EndedRun) -> Verdict:
     return Verdict(settings=settings, truncation=truncation)
 
 
+def stress_left_out(ended: EndedRun) -> Verdict:
+    """Whether parts that stand on contacts have rocked so little that the stiffness of their stress does not count;
+    where it was taken for them, whether their contacts have kept the stress."""
+    attempt, outcome, problem = ended.attempt, ended.run.outcome, ended.ready.problem
+    if not _stress_open(ended.scene) or outcome.interrupted:
+        return Verdict()
+    if attempt.stress == "off":
+        words = "left out: with it the parts that rock have no equilibrium, or leave their contacts"
+        return Verdict(settings={"stiffness of stress": words})
+    if attempt.stress == "on":
+        time = outcome.time[:: outcome.interfaces_every]
+        if any(lost_stress(problem, outcome.interfaces, time)):
+            return Verdict(replace(attempt, stress="off"))
+        return Verdict(settings={"stiffness of stress": "taken, as parts rocked in a run without it"})
+    rocked = any(rocking(problem, outcome.interfaces))
+    return Verdict(replace(attempt, stress="on") if rocked else None)
+
+
 def yielding_bolts(ended: EndedRun) -> Verdict:
     """Whether the plastic elongations of bolts are those that the run began with."""
     yielding, outcome = ended.attempt.yielding, ended.run.outcome
@@ -228,8 +282,14 @@ def yielding_bolts(ended: EndedRun) -> Verdict:
     return Verdict(settings=yielding.words(), faults=yielding.faults())
 
 
-CHOICES: Final[tuple[Callable[[EndedRun], Verdict], ...]] = (bodies_left_out, modes_tried, yielding_bolts)
-"""Made before a run, and checked at its end in this order: a march by modes is judged once all bodies are in it."""
+CHOICES: Final[tuple[Callable[[EndedRun], Verdict], ...]] = (
+    bodies_left_out,
+    stress_left_out,
+    modes_tried,
+    yielding_bolts,
+)
+"""Made before a run, and checked at its end in this order: a march by modes is judged once all bodies and stresses are
+in it."""
 
 
 def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
@@ -237,8 +297,7 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
     wanted = bool(scene.differentiated)
     processes, behaviours, kept = options.processes, options.behaviours, options.kept
     with one_thread(), nullcontext() if processes is None else processes.agreed():
-        discretised = discretise(scene, behaviours, kept, attempt.leave_out and not wanted)
-        discretised = replace(discretised, elongation=attempt.yielding.elongation)
+        discretised = attempt.applied(discretise(scene, behaviours, kept, attempt.leave_out and not wanted))
         prediction = Prediction(discretised)
         check_memory(prediction, options.stream is not None)
         if processes is not None:

@@ -82,11 +82,12 @@ def started(
     ----------
     amplitudes : at t = 0, as for ``build``. stages : for derivatives, the static ones are added to these.
     """
-    if discretised.scene.time.start.type != "static":
-        return discretised, None
     from .statics.displaced_starts import displaced_start
-    from .statics.prestressed import with_prestress
+    from .statics.prestressed import stressed_by_loads, with_prestress
     from .statics.starts import undisplaced_equilibrium
+
+    if discretised.scene.time.start.type != "static":
+        return stressed_by_loads(discretised, amplitudes, stages is not None), None
 
     state = undisplaced_equilibrium(discretised, amplitudes, stages)
     discretised, state = with_prestress(discretised, state, amplitudes, stages is not None)
@@ -233,20 +234,21 @@ def clamped(
     scene: Scene, problem: DiscretisedProblem, joints: str = "sticking"
 ) -> tuple[DiscretisedProblem, InitialState | None]:
     """The ``problem`` of a scene by ``without_scheme`` with the stiffness of the stress of the state at t = 0 where it
-    counts, and that state; None where the ``joints`` do not stick, or nothing acts.
+    counts, and that state; None where the ``joints`` do not stick, nothing acts, or the scene starts from initial
+    values, where its joints are closed by their gaps.
 
     Raises
     ------
     SceneError : no equilibrium, or one that has buckled.
     """
-    state = None
-    if joints == "sticking":
-        state = start_state(scene)
-    if state is not None:
-        from .statics.prestressed import stressed_problem
+    if joints != "sticking":
+        return problem, None
+    from .statics.prestressed import stressed_by_loads, stressed_problem
 
-        problem = stressed_problem(problem, state)
-    return problem, state
+    state = start_state(scene)
+    if state is None:
+        return stressed_by_loads(problem, {}), None
+    return stressed_problem(problem, state), state
 
 
 def _damped(scene: Scene, remarks: list[Remark]) -> Scene:
@@ -284,7 +286,7 @@ def _band_of(of: _SceneText) -> DampingBand:
 
     plain = of.scene.model_copy(update={"damping": None})
     problem, state = clamped(plain, without_scheme(plain))
-    joined = JoinedAssembly.of(problem, "sticking", {} if state is None else pressed_of(state))
+    joined = JoinedAssembly.of(problem, "sticking", pressed_of(problem, state))
     return band_of(plain, joined.modes(1))
 
 

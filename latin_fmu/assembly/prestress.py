@@ -23,12 +23,16 @@ class Prestress:
     Attributes
     ----------
     stiffness : K_sigma (n_full, n_full), N m-1, by body; bodies without stress have none. words : what it changes.
-    period : of the motion that it changes most, s.
+    period : of the vibration that it changes most, s, infinite where it hardly changes any. drives : largest
+        acceleration that it gives a body in a rigid rotation, over the angle, s-2, by body. pressure : (n_point,) of
+        the contacts in the state, Pa, by interface.
     """
 
     stiffness: Mapping[str, sp.csr_array]
     words: str
     period: float
+    drives: Mapping[str, float]
+    pressure: Mapping[str, Array]
 
     def added(self, name: str, stiffness: sp.csr_array) -> sp.csr_array:
         """K + K_sigma of a body that has one, with the zeros of both: its pattern does not depend on its stress."""

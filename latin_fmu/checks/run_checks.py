@@ -56,6 +56,7 @@ LARGEST_ROTATION = 2.0  # degrees
 LARGEST_TURN = 10.0
 """Rotation of a body, degrees, beyond which a run is not trustworthy."""
 LARGEST_STRAIN = 0.05
+_BEYOND = 5e-3  # 1 - cos of a rotation that is told where stress has its stiffness: 5.7 degrees
 _EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
 _NAMED = 4  # bodies beyond their yield stress that a sentence names beside the worst
 _SOME_POINTS = 100  # of a face, whose distances from their neighbours stand for those of all
@@ -145,11 +146,25 @@ def small_motion_remarks(
             )
     for name, end in ends.items():
         if LARGEST_ROTATION < end.degrees <= LARGEST_TURN:  # beyond, the run is not trustworthy (``faults_of``)
-            remarks.append(
-                f"substructure {name} has rotated by {end.degrees:.3g} degrees at the end: strains and contact normals "
-                f"assume small rotations, up to about {LARGEST_ROTATION:g} degrees"
-            )
+            remarks += _rotation_words(name, end.degrees, problem.prestress is not None)
     return remarks
+
+
+def _rotation_words(name: str, degrees: float, stressed: bool) -> list[str]:
+    """What a linear rotation leaves out: lengths by 1 - cos, and the turn of forces and normals by sin, which the
+    stiffness of stress (``stressed``) has for the forces of t = 0."""
+    angle = np.radians(degrees)
+    lengths, turned = percent(1.0 - float(np.cos(angle))), percent(float(np.sin(angle)))
+    if not stressed:
+        what = f"lengths and lever arms are off by up to {lengths}, the directions of forces and normals by {turned}"
+    elif 1.0 - np.cos(angle) > _BEYOND:
+        what = (
+            f"lengths and lever arms are off by up to {lengths}, the directions of forces that are not those of t = 0 "
+            f"by {turned}"
+        )
+    else:
+        return []
+    return [f"substructure {name} has rotated by {degrees:.3g} degrees at the end, and rotations are linear: {what}"]
 
 
 def strain_remarks(problem: SolverReadyProblem, ends: Mapping[str, BodyEnd]) -> list[str]:

@@ -263,12 +263,15 @@ def static_start(p: Prediction) -> Effect:
 
 
 def prestress(p: Prediction) -> Effect:
-    """Geometric stiffness of the stress of a static start."""
+    """Geometric stiffness of the stress of t = 0."""
+    from ..statics.prestressed import loaded_at_rest
+
     name, why, choice = "stiffness of stress", ("effects.prestress",), p.scene.effects.prestress
-    if not isinstance(p.scene.time.start, StaticStart) or p.run.static:
-        return _off(name, ("time.start",), "no motion starts from a stressed state", 'time.start = "static"')
     if choice == "off":
         return _off(name, why, "the scene leaves it out", 'effects.prestress = "automatic"')
+    if p.run.static or not (isinstance(p.scene.time.start, StaticStart) or loaded_at_rest(p.discretised, {})):
+        words = "no motion about a state whose stress could change its frequencies"
+        return _off(name, ("time.start",), words, 'time.start = "static"')
     reason = {
         "automatic": "taken if the stress of t = 0 changes a natural frequency by more than 1 %, which the start shows",
         "on": "taken whatever it changes",

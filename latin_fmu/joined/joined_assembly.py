@@ -41,6 +41,7 @@ _STIFF: Final = 1e4
 _UNMOVED = 1e-9  # of a mode of a body, whose rate is round-off
 _NEAR = 1e-4  # of the size of the assembly: larger gaps are open
 _ROUND_OFF = 1e-9  # of this, a gap that is none
+_NO_PRESSURE = 1e-12  # of the stress that the displacements of a body would be, stretched
 _CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
 _SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
 
@@ -193,10 +194,19 @@ class JoinedAssembly:
         return Modes(self.vibration, self.expansion, vectors, omega, n_rigid)
 
 
-def pressed_of(state: InitialState) -> dict[str, np.ndarray]:
-    """(n_point,) whether the points of each interface are under pressure in a state."""
+def pressed_of(discretised: DiscretisedProblem, state: InitialState | None) -> dict[str, np.ndarray]:
+    """(n_point,) whether the points of each interface are under pressure in a state, beyond round-off of the stress of
+    its bodies; empty without a state."""
+    if state is None:
+        return {}
+    stress = 0.0
+    for name, body in discretised.bodies.items():
+        moved = state.displacement.get(name)
+        if moved is not None and not body.rigid:
+            strain = float(np.abs(moved).max(initial=0.0)) / body.mesh.size
+            stress = max(stress, max(body.shape.elasticity.young_moduli) * strain)
     # local frames, the normal first; pressure is negative on side E
-    return {name: traction[:, 0] < 0.0 for name, traction in state.traction.items()}
+    return {name: traction[:, 0] < -_NO_PRESSURE * stress for name, traction in state.traction.items()}
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ def backbone(
         whole = replace(whole, prestress=stressed.prestress)
         if whole.prestress is not None:
             state = corrected(whole, state, {})
-        joined = JoinedAssembly.of(stressed, "sticking", pressed_of(state))
+        joined = JoinedAssembly.of(stressed, "sticking", pressed_of(stressed, state))
         shape = _Shape.of(joined, mode, whole, sensor)
         _check_rest(scene, whole, shape)
 

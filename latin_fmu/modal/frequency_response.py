@@ -126,7 +126,7 @@ def frf(
     if ratios is None and not damped(problem):  # before the bolts are tightened, which takes far longer
         raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
     problem, state = clamped(scene, problem, joints)
-    joined = JoinedAssembly.of(problem, joints, {} if state is None else pressed_of(state))
+    joined = JoinedAssembly.of(problem, joints, pressed_of(problem, state))
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
     if not len(excitations.modes.omega):
         raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")

@@ -96,7 +96,7 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     12
     """
     problem, state = clamped(scene, without_scheme(scene), joints)
-    pressed = {} if state is None else pressed_of(state)
+    pressed = pressed_of(problem, state)
     joined = JoinedAssembly.of(problem, joints, pressed)
     modes = joined.modes(count)
     matrices = run_matrices(scene, joined.discretised, joined.parts.models)

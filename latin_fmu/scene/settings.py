@@ -294,9 +294,9 @@ class Effects(SceneTable):
     prestress: Annotated[
         Literal["automatic", "on", "off"],
         about(
-            "geometric stiffness of the stress at t = 0 (loads, bolts, heat of a static start): parts in tension are "
-            "stiffer, compressed ones softer, and slender ones buckle; automatic: if it changes a natural frequency of "
-            "the clamped assembly by more than 1 %"
+            "geometric stiffness of the stress at t = 0 (loads, bolts, heat): parts in tension are stiffer, compressed "
+            "ones softer, and slender ones buckle; automatic: if it changes a natural frequency of the clamped "
+            "assembly by more than 1 %, or if a run without it shows that parts rock on their contacts"
         ),
     ] = "automatic"
 

@@ -24,6 +24,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..assembly.body import Body, body_sides
@@ -33,20 +34,25 @@ from ..assembly.models import Kept, load_terms
 from ..assembly.prestress import Prestress, body_stiffness, rigid_stiffness
 from ..assembly.problem import DiscretisedProblem, settings_of
 from ..errors import SceneError, SolverError
+from ..fem.elements import rigid_modes
 from ..fem.mesh import Array
 from ..joined.joined_assembly import JoinedAssembly, pressed_of
 from ..joined.stress_ratios import StressRatios, known_ratio, stress_ratios
 from ..joined.tied_assembly import TieError
 from ..remarks import remarks_of
 from ..scene.fields import ALL_OF_IT
+from ..scene.settings import StaticStart
 from .equilibrium import equilibrium_at_once
 from .places_at_rest import least_displaced
-from .statics import static_problem, static_scene, static_size
+from .starts import undisplaced_equilibrium
+from .statics import something_acts, start_problems, static_problem, static_scene, static_size
 
 NEGLIGIBLE: Final = 0.01
 """Change of a natural frequency below which stress is left out."""
 _SURE: Final = 0.75  # of that, with the modes of another run
 _NEAR: Final = 2.0  # load factor of buckling below which a linear equilibrium is doubtful
+_UNMOVED: Final = 1e-6
+"""Of the largest motion of a mode, that of sides which keep touching."""
 _FAR: Final = 100.0  # load factor of buckling above which it is not named
 _STOUT: Final = 6.0
 """Strain times square of slenderness over mu: columns that are clamped at one end have less."""
@@ -87,9 +93,7 @@ def stressed_problem(
     stiffness = dict(_stiffnesses(problem, state))
     if not stiffness or (automatic and _known_to_be_small(problem, stiffness)):
         return problem
-    joined = JoinedAssembly.of(problem, "sticking", pressed_of(state))
-    # squares of frequencies
-    ratios = stress_ratios(joined, stiffness, 2.0 * NEGLIGIBLE)
+    ratios = _ratios(problem, state, stiffness)
     _refuse_buckled(ratios)
     if kept is not None:
         kept.stress_modes = ratios.shapes
@@ -107,7 +111,107 @@ def stressed_problem(
         )
     words = _words(ratios)
     remarks = (*problem.remarks, *remarks_of("prestress", [words]))
-    return replace(problem, prestress=Prestress(stiffness, words, ratios.period), remarks=remarks).with_classes()
+    period = ratios.period if ratios.largest >= 2.0 * NEGLIGIBLE else np.inf
+    pressure = {name: -traction[:, 0] for name, traction in state.traction.items()}
+    prestress = Prestress(stiffness, words, period, _drives(problem, stiffness), pressure)
+    return replace(problem, prestress=prestress, remarks=remarks).with_classes()
+
+
+def _drives(problem: DiscretisedProblem, stiffness: Mapping[str, sp.csr_array]) -> dict[str, float]:
+    """Largest acceleration over the angle, s-2, that K_sigma gives every body alone in a rigid rotation."""
+    drives = {}
+    for model in (m for c in problem.classes for m in c.members if m.name in stiffness):
+        body = problem.bodies[model.name]
+        if body.rigid:
+            motions = np.eye(model.n_full)
+        else:
+            nodes = body.mesh.nodes
+            motions = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
+        inertia, moment = motions.T @ (model.inertia @ motions), motions.T @ (stiffness[model.name] @ motions)
+        drives[model.name] = float(np.abs(la.eigvalsh(0.5 * (moment + moment.T), inertia)).max())
+    return drives
+
+
+def stressed_by_loads(
+    problem: DiscretisedProblem, amplitudes: Mapping[str, float], restricted: bool = False
+) -> DiscretisedProblem:
+    """The problem of a scene that starts from initial values with the geometric stiffness of the equilibrium that what
+    acts at t = 0 would have, bodies with a velocity left out; as it is where there is no such equilibrium, where its
+    stress does not count, or the scene leaves it out (parameters and errors: ``with_prestress``).
+
+    The motion is about that state and does not begin in it: loads that are there at t = 0 act at once.
+    """
+    at_rest = loaded_at_rest(problem, amplitudes)
+    if at_rest is None:
+        return problem
+    try:
+        state = undisplaced_equilibrium(at_rest, amplitudes)
+    except (SceneError, SolverError) as error:
+        words = f"what acts at t = 0 has no equilibrium whose stress would have a stiffness: {error}"
+        return replace(problem, remarks=(*problem.remarks, *remarks_of("prestress", [words])))
+    stressed = stressed_problem(at_rest, state, restricted)
+    if stressed.prestress is None:
+        return problem
+    words = "the motion begins from initial values, and the stress is that of the equilibrium of what acts at t = 0"
+    remarks = (*stressed.remarks, *remarks_of("prestress", [words]))
+    return replace(problem, prestress=stressed.prestress, remarks=remarks).with_classes()
+
+
+def loaded_at_rest(problem: DiscretisedProblem, amplitudes: Mapping[str, float]) -> DiscretisedProblem | None:
+    """The problem of a scene that starts from initial values with the static start that stresses its bodies; None where
+    nothing acts at t = 0, where bodies are thrown or held by nothing, where the loads are too small for their stress to
+    count, or where the scene leaves it out."""
+    scene = problem.scene
+    if scene.effects.prestress == "off" or scene.time.quasi_static:
+        return None
+    resting = scene.model_copy(update={"time": scene.time.model_copy(update={"start": StaticStart()})})
+    conditions = {name: problem.conditions[name] for name in problem.bodies}
+    if any(start_problems(resting, dict(problem.bodies), conditions, list(problem.units))):
+        return None
+    if not something_acts(static_scene(resting, amplitudes)):
+        return None
+    at_rest = replace(problem, scene=resting)
+    if scene.effects.prestress == "automatic" and _little(at_rest, amplitudes):
+        return None
+    return at_rest
+
+
+def _little(problem: DiscretisedProblem, amplitudes: Mapping[str, float]) -> bool:
+    """Whether the loads of t = 0 are too small for their stress to count, bent parts of the size of the assembly
+    included; rigid bodies, which have no vibrations, aside."""
+    size, strain = static_size(problem, amplitudes), 0.0
+    nodes = np.concatenate([body.mesh.nodes for body in problem.bodies.values()])
+    length = float(np.linalg.norm(np.ptp(nodes, axis=0)))
+    for body in problem.bodies.values():
+        if not body.rigid:
+            slender = length / _thickness(body)
+            strain = max(strain, size / body.shape.elasticity.young_moduli[0] * slender**3)
+    return _STOUT * strain <= 2.0 * NEGLIGIBLE
+
+
+def _ratios(problem: DiscretisedProblem, state: InitialState, stiffness: Mapping[str, sp.csr_array]) -> StressRatios:
+    """What stress does to the assembly whose closed points are joined; where it buckles into what it touches without
+    pressure, whichever the sign of the mode, with these points joined as well."""
+    pressed = pressed_of(problem, state)
+    joined = JoinedAssembly.of(problem, "sticking", pressed)
+    # squares of frequencies
+    ratios = stress_ratios(joined, stiffness, 2.0 * NEGLIGIBLE)
+    if ratios.load_factor > _NEAR:
+        return ratios
+    gaps = joined.nearly_closed(pressed, state)
+    touching = {name: gap == 0.0 for name, gap in gaps.items() if (gap == 0.0).any()}
+    closes = opens = False
+    for unit in problem.units:
+        if unit.name in touching:
+            # of the owner of the points less the other side
+            apart = (joined.parts.jump(unit, True) @ ratios.shapes[:, 0])[::3][touching[unit.name]]
+            opening = (2 * unit.geometry.owner - 1) * apart
+            limit = _UNMOVED * float(np.abs(ratios.shapes[:, 0]).max())
+            closes, opens = closes or bool((opening < -limit).any()), opens or bool((opening > limit).any())
+    if not (closes and opens):
+        return ratios
+    both = {name: pressed.get(name, False) | points for name, points in touching.items()}
+    return stress_ratios(JoinedAssembly.of(problem, "sticking", pressed | both), stiffness, 2.0 * NEGLIGIBLE)
 
 
 def _known_to_be_small(problem: DiscretisedProblem, stiffness: Mapping[str, sp.csr_array]) -> bool:
@@ -232,11 +336,15 @@ def _stout(problem: DiscretisedProblem, state: InitialState) -> bool:
         recovery = body.shape.recovery if opened is None else opened.recovery(body.shape)
         stress = recovery.nodal_stress(nodal[None])[0]
         largest = float(np.abs(stress).max() + np.abs(_unstrained(problem, body)).max())
-        thickness = 2.0 * float(body.shape.elements.volume.sum()) / float(body.face(ALL_OF_IT).areas.sum())
         strain = largest / body.shape.elasticity.young_moduli[0]
-        if _STOUT * strain * (size / thickness) ** 2 > 2.0 * NEGLIGIBLE:
+        if _STOUT * strain * (size / _thickness(body)) ** 2 > 2.0 * NEGLIGIBLE:
             return False
     return True
+
+
+def _thickness(body: Body) -> float:
+    """Twice the volume over the surface, m: that of a plate."""
+    return 2.0 * float(body.shape.elements.volume.sum()) / float(body.face(ALL_OF_IT).areas.sum())
 
 
 def _refuse_buckled(ratios: StressRatios) -> None:

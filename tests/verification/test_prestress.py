@@ -87,6 +87,21 @@ def test_the_factor_of_buckling_is_eulers() -> None:
     assert latin_fmu.solve(pinned(-1.05 * EULER, effects={"prestress": "off"})).converged
 
 
+@pytest.mark.parametrize(("walls", "buckles"), [(["zmin"], True), (["zmax"], True), (["zmin", "zmax"], False)])
+def test_a_strip_does_not_buckle_into_walls_on_both_sides(walls: list[str], buckles: bool) -> None:
+    """Beyond Euler's load a strip that lies on a wall without pressure buckles away from it; between two it cannot."""
+    data = pinned(-1.3 * EULER).tables()
+    data["material"]["steel"] = STEEL | {"poisson_ratio": 0.0}
+    data["interface"] = {w: {"sides": [f"strip.{w}", "ground"], "behaviour": "contact"} for w in walls}
+    scene = latin_fmu.scene_from_dict(data)
+    if buckles:
+        with pytest.raises(SceneError, match="substructure strip buckles"):
+            latin_fmu.vibration_modes(scene, count=1)
+        return
+    held = latin_fmu.vibration_modes(scene, count=1)
+    assert not any("buckles" in remark for remark in held.remarks)
+
+
 # frequencies and factor of CalculiX 2.20 on the same mesh: *STATIC, NLGEOM then *FREQUENCY, PERTURBATION; *BUCKLE
 CALCULIX = {
     "strip of C3D8I": ("hexahedron", [0.1, 0.01, 0.001], [40, 4, 1], 14.0, [381.2099, 1297.291]),
@@ -179,6 +194,35 @@ def test_a_stack_in_contact_rings_at_the_frequency_of_its_modes(force: float, pr
     later = solution.time > 2e-3
     rung = frequency_of(solution.time[later], solution.sensors["top"].displacement[later, 0])
     assert rung == pytest.approx(modes.frequency[0], rel=5e-3)
+
+
+def test_loads_that_are_there_from_the_start_stress_bodies() -> None:
+    """A strip under a constant force along it that begins at rest and unstrained: its bending rings as in the modes,
+    and as from the equilibrium."""
+    data = pinned(-0.5 * EULER).tables()
+    data["load"]["tap"] = {"face": "strip.zmax", "pressure": 10.0, "law": {"type": "half_sine", "duration": 1e-3}}
+    data["sensor"] = {"middle": {"substructure": "strip", "point": [0.0, 0.0, 0.0]}}
+    data["time"] = {"end": 60e-3, "step": 2e-5}
+    scene = latin_fmu.scene_from_dict(data)
+    expected = latin_fmu.vibration_modes(pinned(-0.5 * EULER), count=1).frequency[0]
+    assert latin_fmu.vibration_modes(scene, count=1).frequency[0] == pytest.approx(expected, rel=1e-6)
+    solution = latin_fmu.solve(scene)
+    assert any("begins from initial values" in warning for warning in solution.warnings)
+    assert (solution.sensors["middle"].displacement[0] == 0.0).all()
+    rung = frequency_of(solution.time[100:], solution.sensors["middle"].displacement[100:, 2])
+    assert rung == pytest.approx(expected, rel=3e-3)
+
+
+def test_what_flies_has_no_stress() -> None:
+    data = pinned(0.0).tables()
+    data["load"], data["boundary"] = {}, {}
+    data["gravity"] = {"acceleration": [0.0, 0.0, -9.81e6]}
+    data["time"] = {"end": 1e-3, "step": 1e-5}
+    for velocity in ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]):
+        data["substructure"]["strip"]["initial_velocity"] = velocity
+        problem, start = started(discretise(latin_fmu.scene_from_dict(data)), {})
+        assert start is None
+        assert problem.prestress is None
 
 
 @pytest.mark.parametrize("propagator", ["direct", "modal"])
@@ -284,6 +328,7 @@ def rocking(share: float, choice: str, rigid: bool) -> latin_fmu.Scene:
         "gravity": {"acceleration": [0.0, 0.0, -ROCKS["gravity"]]},
         "load": {"kick": kick | {"law": {"type": "half_sine", "duration": ROCKS["pulse"]}}},
         "effects": {"prestress": choice},
+        "solver": {"tolerance": 1e-4},
         "sensor": {"top": {"substructure": "block", "point": [half, 0.02, height]}},
         "time": {"end": 0.4, "step": 1e-4, "start": START},
     }
@@ -343,11 +388,51 @@ def test_a_standing_block_rocks_as_housners(share: float, rigid: bool) -> None:
     # the kick bends an elastic block, too; near toppling the time grows ten times as fast as the spin
     assert solution.time[back[0]] == pytest.approx(expected, rel=2e-2 if rigid else 6e-2)
     assert leans.max() == pytest.approx(angle, rel=3e-2 if rigid else 6e-2)
-    without = latin_fmu.solve(rocking(share, "automatic", rigid))
+    assert solution.converged
+    without = latin_fmu.solve(rocking(share, "off", rigid))
     assert (without.sensors["top"].displacement[:, 0] / ROCKS["height"]).max() < 0.95 * angle
     (said,) = (warning for warning in without.warnings if "has rocked on floor" in warning)
     assert 'effects.prestress = "on"' in said
     assert not any("has rocked" in warning for warning in solution.warnings)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.1])
+def test_what_rocks_is_run_again_with_the_stiffness_of_its_stress(share: float) -> None:
+    chosen, on = (latin_fmu.solve(rocking(share, choice, True)) for choice in ("automatic", "on"))
+    assert np.array_equal(chosen.sensors["top"].displacement, on.sensors["top"].displacement)
+    assert chosen.outcome.settings["stiffness of stress"] == "taken, as parts rocked in a run without it"
+    assert chosen.warnings == on.warnings
+    little = latin_fmu.solve(rocking(0.05, "automatic", True))
+    assert "stiffness of stress" not in little.outcome.settings
+
+
+def lifted(choice: str, side: float) -> latin_fmu.Scene:
+    """The same block, thrown up, and tilted by a force on its side (N) before."""
+    data = rocking(0.0, choice, True).tables()
+    weight = DENSITY * ROCKS["height"] * ROCKS["gravity"]
+    law = {"type": "half_sine", "duration": 5e-3}
+    tilt = {"face": "block.xmin", "traction": [side / (0.04 * ROCKS["height"]), 0.0, 0.0], "law": law}
+    data["load"]["tilt"] = tilt
+    data["load"]["throw"] = {"face": "block.zmax", "traction": [0.0, 0.0, 12.0 * weight], "law": law | {"start": 8e-3}}
+    data["time"]["end"] = 0.06
+    return latin_fmu.scene_from_dict(data)
+
+
+@pytest.mark.parametrize("side", [0.0, 400.0])
+def test_a_block_in_flight_keeps_its_spin(side: float) -> None:
+    """With the stiffness of its stress the block would be turned on in flight: it is not taken, or the run not
+    trustworthy."""
+    solution = latin_fmu.solve(lifted("automatic", side))
+    flies = solution.time > 15e-3
+    assert (solution.interfaces["floor"].normal_resultant()[flies] == 0.0).all()
+    spin = solution.sensors["top"].velocity[flies, 0]
+    assert np.ptp(spin) < 1e-6 * max(np.abs(spin).max(), 1e-3)
+    if side:
+        assert solution.outcome.settings["stiffness of stress"].startswith("left out")
+        driven = latin_fmu.solve(lifted("on", side))
+        assert "changes its spin by" in driven.status
+        turned = driven.sensors["top"].velocity[flies, 0]
+        assert np.ptp(turned) > 1e-2 * np.abs(turned).max()
 
 
 def test_the_energy_of_a_stressed_run_closes() -> None:
