@@ -40,6 +40,8 @@ COMMANDS: Final = MappingProxyType(
         "fmu": "fmu",
         "simulate": "fmu",
         "srs": "analyses",
+        "base": "base",
+        "envelope": "base",
         "export": "analyses",
         "modes": "analyses",
         "frf": "analyses",
@@ -70,6 +72,7 @@ examples:
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md
   latin-fmu srs out.nc --sensor tip
+  latin-fmu base spec.csv -o shock
   latin-fmu modes scene.toml --joints open
   latin-fmu frf scene.toml --damping 0.02
   latin-fmu backbone scene.toml --mode 1 --amplitude 1um:1mm

@@ -27,7 +27,7 @@ from .scene.fields import LocalAxes
 from .scene.initial_fields import DisplacementFile, VelocityFile
 from .scene.initial_fields import InitialStateTable as InitialState
 from .scene.interfaces import ContactSearch, GroundPlane, GroundVelocity, Interface
-from .scene.laws import ConstantLaw, CsvLaw, HalfSineLaw, InputLaw, RectangularPulseLaw, StepLaw, TableLaw
+from .scene.laws import ConstantLaw, CsvLaw, HalfSineLaw, InputLaw, RectangularPulseLaw, SrsLaw, StepLaw, TableLaw
 from .scene.loads import Load
 from .scene.materials import MaterialTable as Material
 from .scene.materials import OrthotropicTable as Orthotropic
@@ -137,6 +137,7 @@ __all__ = [
     "Spectrum",
     "Spring",
     "StaticStart",
+    "SrsLaw",
     "StepLaw",
     "Substructure",
     "Symmetry",

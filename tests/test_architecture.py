@@ -32,6 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "remarks", "machine", "file_digest"),
     ("compiled",),
     ("operator_store", "arithmetic"),
+    ("shock",),
     ("scene",),
     ("mesh_files",),
     ("reader", "tables"),
@@ -60,7 +61,15 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "__main__", "inside"),
 )
 NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
-MAPPED = ("checks", "cosim", "kernels", "latin", "propagator", "statics")  # rooms whose docstring lists their modules
+MAPPED = (
+    "checks",
+    "cosim",
+    "kernels",
+    "latin",
+    "propagator",
+    "shock",
+    "statics",
+)  # rooms whose docstring lists their modules
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
 FILE_CALLS = {
     "open",

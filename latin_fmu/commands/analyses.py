@@ -95,7 +95,7 @@ _OF_SPECTRUM = ("lowest", "highest", "per_octave", "quality")
 _OF_RECORD = ("value_unit", "time_unit", "column", "time_column", "gaps")
 
 
-def _targets(stem: Path, *suffixes: str) -> list[Path]:
+def targets_of(stem: Path, *suffixes: str) -> list[Path]:
     """Files of a stem with these suffixes, which can be written; the stem may have one of them itself."""
     from ..results.writing import check_target
 
@@ -153,7 +153,7 @@ def frf(options: FrfOptions) -> int:
     from ..results.writing import write_bytes
 
     scene = options.read_scene()
-    targets = _targets(options.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
+    targets = targets_of(options.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
     with Waiting("modes"):
         response = frf(scene, **handed(options, frf))
     tell(options.json, response.lines(), response.report)
@@ -206,7 +206,7 @@ def backbone(options: BackboneOptions) -> int:
     else:
         levels = np.array([highest])
     measured = _measured(options, scene.unit_system)
-    targets = _targets(options.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
+    targets = targets_of(options.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
     with Waiting("tightening") as waiting:
         curve = backbone(
             scene,
@@ -362,8 +362,8 @@ def srs(options: SrsOptions) -> int:
     stem = options.output or options.results.with_name(f"{options.results.stem}_srs")
     file = options.results
     if _is_record(file):
-        return _srs_of_record(options, _targets(stem, "csv", "nc"))
-    targets = _targets(stem, "csv", "nc", "png")
+        return _srs_of_record(options, targets_of(stem, "csv", "nc"))
+    targets = targets_of(stem, "csv", "nc", "png")
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, options, waiting))
         units = units_of(tree.attrs)
@@ -404,8 +404,8 @@ def _srs_of_record(options: SrsOptions, targets: Sequence[Path]) -> int:
     from ..scene.units import SI
 
     law = {"file": str(options.results), "start": "record"}
-    law |= {key: _number_or_text(value) for key, value in _said(options, _OF_RECORD).items()}
-    spectrum, read_as = _record_spectrum(law, _said(options, _OF_SPECTRUM))
+    law |= {key: number_or_text(value) for key, value in _said(options, _OF_RECORD).items()}
+    spectrum, read_as = record_spectrum(law, _said(options, _OF_SPECTRUM))
     if options.g:
         units = SI.with_g
     else:
@@ -418,7 +418,7 @@ def _srs_of_record(options: SrsOptions, targets: Sequence[Path]) -> int:
     return CONVERGED
 
 
-def _number_or_text(text: str) -> Any:
+def number_or_text(text: str) -> Any:
     """A whole number (of a column), a number, or the text."""
     for kind in (int, float):
         with suppress(ValueError):
@@ -438,7 +438,7 @@ def _record_tree(spectrum: ShockSpectrum, file: str, read_as: str) -> xr.DataTre
     return xr.DataTree(data)
 
 
-def _record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple[ShockSpectrum, str]:
+def record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple[ShockSpectrum, str]:
     """Spectrum of a record with the keys of a law, and those of a spectrum, and what was read, in words.
 
     Raises
@@ -489,7 +489,7 @@ def export(
     from ..results.writing import write_bytes
 
     stem = output or of.results.with_name(f"{of.results.stem}_sensors")
-    targets = _targets(stem, "csv", "unv")
+    targets = targets_of(stem, "csv", "unv")
     with closing(open_results(of.results)) as tree, readable(of.results):
         sensors = _sensors(tree, of, "nothing to export")
         names = of.sensor or sensors

@@ -361,7 +361,7 @@ def spectrum_panel(axis: Axes, spectra: Mapping[str, tuple[ShockSpectrum, Array 
         axis.plot(spectrum.frequency, values, label=label, linewidth=1.3, **look)
         top, low = max(top, float(values.max())), min(low, float(values.min()))
     axis.set(ylabel=f"acceleration ({label_of_unit})")
-    _spectrum_axes(axis, low, max(top, 1e-300))
+    spectrum_axes(axis, low, max(top, 1e-300))
     _own_legend(axis)
 
 
@@ -466,7 +466,7 @@ def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | 
     for row, (label, colour, line, width) in zip(values, styles, strict=True):
         # a residual may be 0, which a logarithmic axis does not have
         panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
-    _spectrum_axes(panel, float(values[0].min(initial=top)), top)
+    spectrum_axes(panel, float(values[0].min(initial=top)), top)
 
 
 def _error_band(panel: Axes, frequency: Array, values: Array, error: Array, **look: Any) -> None:
@@ -474,7 +474,7 @@ def _error_band(panel: Axes, frequency: Array, values: Array, error: Array, **lo
     panel.fill_between(frequency, values / (1 + error), values * (1 + error), linewidth=0, **look)
 
 
-def _spectrum_axes(panel: Axes, lowest: float, top: float) -> None:
+def spectrum_axes(panel: Axes, lowest: float, top: float) -> None:
     """Logarithmic axes over whole decades from ``lowest`` to ``top``, five at most, with a grid; frequencies in kHz."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

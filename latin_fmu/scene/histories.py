@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import Problem
 from .body_loads import body_loads_of
 from .boundaries import Driven
-from .laws import CsvLaw
+from .laws import CsvLaw, SrsLaw
 from .number_files import factor
 from .ports import INPUT_UNITS, TRANSLATIONS
 from .records import FEWEST_SAMPLES, inside_run, misfits, peak_of
@@ -27,12 +27,12 @@ class SceneHistory:
 
     Attributes
     ----------
-    where : place of the law in the scene. law : of the file. unit : UDUNITS, SI, of what the law multiplies.
-    size : of that where the law is 1, in the units of the scene. end : of the run, s.
+    where : place of the law in the scene. law : of the file or of a specification. unit : UDUNITS, SI, of what the law
+    multiplies. size : of that where the law is 1, in the units of the scene. end : of the run, s.
     """
 
     where: str
-    law: CsvLaw
+    law: CsvLaw | SrsLaw
     unit: str
     size: float
     end: float
@@ -43,7 +43,7 @@ class SceneHistory:
         first, last, count = inside_run(self.law.times, self.end)
         return {
             "law": self.where,
-            "file": self.law.file,
+            "file": self.law.file or None,
             "read_as": self.law.read_as,
             "peak": self.size * peak,
             "peak_time": at,
@@ -62,10 +62,7 @@ class SceneHistory:
         integral = f"{found['integral']:.4g} {units[_INTEGRALS.get(self.unit, f'{self.unit} s')]}"
         first, last = found["span"]
         inside = f"from {first:.4g} to {last:.4g} s of 0 to {self.end:.4g} s, {found['samples']} samples"
-        if self.law.read_as:
-            words = f"{self.law.file}, {self.law.read_as}"
-        else:
-            words = self.law.file
+        words = ", ".join(word for word in (self.law.file, self.law.read_as) if word)
         return f"  history {self.where}: {words}; in the run {inside}, peak {peak} at {found['peak_time']:.4g} s, " + (
             f"integral {integral}"
         )
@@ -77,6 +74,10 @@ class SceneHistory:
     def problems(self) -> Iterator[Problem]:
         """A record without content in the run, or of another quantity than the law multiplies."""
         law, end = self.law, self.end
+        if isinstance(law, SrsLaw) and self.unit != "m s-2":
+            what = f"a shock response spectrum is of an acceleration, but the law multiplies {words_for(self.unit)}"
+            remedy = 'drive the face by type = "acceleration", or use accelerations of the base'
+            yield Problem(self.where, what, "srs", "laws of accelerations", remedy)
         unit = law.units[1]
         name = None
         if isinstance(unit, str):
@@ -95,9 +96,11 @@ class SceneHistory:
 
 
 def histories_of(scene: Any) -> list[SceneHistory]:
-    """Histories from files of a scene."""
+    """Histories from files and specifications of a scene."""
     end = scene.time.end
-    return [SceneHistory(w, law, unit, size, end) for w, law, unit, size in _laws(scene) if isinstance(law, CsvLaw)]
+    return [
+        SceneHistory(w, law, unit, size, end) for w, law, unit, size in _laws(scene) if isinstance(law, CsvLaw | SrsLaw)
+    ]
 
 
 def history_problems(scene: Any) -> list[Problem]:

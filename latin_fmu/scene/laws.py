@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from .fields import Real, SceneTable, Series, Text, _as_list, about, entry, refusal, tagged, units_in
-from .number_files import MULTIPLIED, Column, TimeUnit, ValueUnit, is_column
+from .number_files import MULTIPLIED, AccelerationUnit, Column, TimeUnit, ValueUnit, is_column
 from .records import GAPS, STARTS, filled
 from .unit_texts import names_for
 
@@ -71,7 +71,7 @@ def _check_points(times: Points, values: Points) -> None:
         )
 
 
-class _PointsLaw(SceneTable):
+class PointsLaw(SceneTable):
     """Points in time, linear in between, held at both ends."""
 
     if TYPE_CHECKING:  # fields of the laws below, each with a description of its own
@@ -92,7 +92,7 @@ class _PointsLaw(SceneTable):
         return _integral(t0, t1, self.times, self.values)
 
 
-class TableLaw(_PointsLaw):
+class TableLaw(PointsLaw):
     """Given points, linear in between, held at both ends."""
 
     type: Literal["table"] = "table"
@@ -100,7 +100,7 @@ class TableLaw(_PointsLaw):
     values: Annotated[Series, about("a at these times", "1")]
 
 
-class CsvLaw(_PointsLaw):
+class CsvLaw(PointsLaw):
     """Points read from a file of a recorder, linear in between, held at both ends.
 
     A file of text has columns of times and values below any number of lines that describe them, decimal points or
@@ -176,6 +176,59 @@ class CsvLaw(_PointsLaw):
     def units(self) -> tuple[str | float | None, str | float | None]:
         """Units of times and values in the file, by the scene or by the header; None where neither names one."""
         return self.time_unit or self.header_units[0] or None, self.value_unit or self.header_units[1] or None
+
+
+class SrsLaw(PointsLaw):
+    """A base acceleration whose shock response spectrum is a specification: a sum of waves that comes to rest, the one
+    with the smallest peak of several seeds.
+
+    The breakpoints are those of a file with two columns, frequency in Hz and acceleration, or of the scene; in between
+    both are straight lines in logarithms. The points are kept with the scene (`times`, `values`).
+    """
+
+    type: Literal["srs"] = "srs"
+    file: Annotated[
+        Text, about("file with two columns, frequency in Hz and acceleration; its header or `unit` names the unit")
+    ] = ""
+    unit: Annotated[
+        AccelerationUnit | None,
+        about(f"unit of the accelerations of the file: {names_for('m s-2')}, or the factor to the units of the scene"),
+    ] = None
+    frequency: Annotated[Series, about("breakpoints instead of a file: increasing", "Hz")] = ()
+    acceleration: Annotated[Series, about("maximax of the absolute acceleration at these", "m s-2")] = ()
+    quality: Annotated[Real, about("amplification Q of the oscillators of the specification", "1", gt=0.5)] = 10.0
+    waves: Annotated[
+        Literal["wavelets", "damped_sines"],
+        about("what the history is a sum of: wavelets, or damped sines, which begin suddenly and decay"),
+    ] = "wavelets"
+    tolerance: Annotated[Real, about("largest deviation at any twelfth of an octave, dB", "1", gt=0, le=12)] = 1.0
+    seeds: Annotated[int, about("how many histories to choose from", "1", ge=1, le=100)] = 5
+    duration: Annotated[
+        Real | None, about("of the history; default: six periods of the lowest frequency", "s", gt=0)
+    ] = None
+    rate: Annotated[
+        Real | None, about("samples a second; default: 16 to a period of the highest frequency", "Hz", gt=0)
+    ] = None
+    peak: Annotated[Real | None, about("largest acceleration of the test stand", "m s-2", gt=0)] = None
+    velocity: Annotated[Real | None, about("largest velocity of the test stand", "m s-1", gt=0)] = None
+    displacement: Annotated[Real | None, about("largest displacement of the test stand", "m", gt=0)] = None
+    times: Annotated[Series, about("filled from the specification; where given, it is not read", "s")] = ()
+    values: Annotated[Series, about("filled from the specification, in the units of the scene", "m s-2")] = ()
+    read_as: Annotated[Text, about("filled from the specification: how well it is met")] = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _load(cls, data: Any, info: ValidationInfo) -> Any:
+        from .specifications import with_history
+
+        if not isinstance(data, dict) or {"times", "values"} & data.keys():
+            return data
+        return with_history(data, base_dir_of(info.context), units_in(info.context))
+
+    @property
+    def units(self) -> tuple[str | float | None, str | float | None]:
+        """As of the law of a file: times and values are in the units of the scene."""
+        return None, None
 
 
 _JUMP_ROUND_OFF = 1e-9
@@ -284,7 +337,7 @@ class InputLaw(SceneTable):
 
 Law = Annotated[
     Annotated[
-        ConstantLaw | StepLaw | RectangularPulseLaw | HalfSineLaw | TableLaw | CsvLaw | InputLaw,
+        ConstantLaw | StepLaw | RectangularPulseLaw | HalfSineLaw | TableLaw | CsvLaw | SrsLaw | InputLaw,
         Field(discriminator="type"),
     ],
     BeforeValidator(
@@ -296,6 +349,7 @@ Law = Annotated[
         | HalfSineLaw
         | TableLaw
         | CsvLaw
+        | SrsLaw
         | InputLaw,
     ),
 ]

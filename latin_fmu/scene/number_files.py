@@ -88,6 +88,7 @@ def _check_column(value: object) -> object:
 Column = Annotated[str | int, BeforeValidator(_check_column)]
 TimeUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "s"))]
 ValueUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, *MULTIPLIED))]
+AccelerationUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m s-2"))]
 LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m"))]
 SpeedUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m s-1"))]
 
@@ -105,6 +106,7 @@ class NumberTable:
     ----------
     header : cells of the lines above the numbers. width : number of cells in the first line of numbers.
     places : of the columns, from 0. rows : numbers of every line. decimal_comma : whether they are written with one.
+    lines : numbers of the lines of these rows in the file, from 1.
     """
 
     header: tuple[tuple[str, ...], ...]
@@ -112,6 +114,7 @@ class NumberTable:
     places: tuple[int, ...]
     rows: list[tuple[float, ...]]
     decimal_comma: bool
+    lines: list[int]
 
 
 def read_columns(base_dir: Path, name: str, columns: Sequence[str | int] | None = None) -> list[tuple[float, ...]]:
@@ -140,15 +143,16 @@ def number_table(base_dir: Path, name: str, columns: Sequence[str | int] | None 
     if first is None:
         return _without_numbers(columns, header)
     places = _check_places(columns, header, first)
-    rows, commas = _rows(chain([first], lines), columns, places)
-    return NumberTable(tuple(header), len(first[1]), places, rows, commas)
+    rows, commas, numbers = _rows(chain([first], lines), columns, places)
+    return NumberTable(tuple(header), len(first[1]), places, rows, commas, numbers)
 
 
 def _rows(
     lines: Iterator[tuple[int, list[str]]], columns: Sequence[str | int] | None, places: tuple[int, ...]
-) -> tuple[list[tuple[float, ...]], bool]:
-    """Numbers of every line, and whether they have decimal commas."""
+) -> tuple[list[tuple[float, ...]], bool, list[int]]:
+    """Numbers of every line, whether they have decimal commas, and the numbers of the lines."""
     rows: list[tuple[float, ...]] = []
+    read: list[int] = []
     points = commas = False
     if columns is None:
         wanted = _TWO_COLUMNS
@@ -171,7 +175,8 @@ def _rows(
             what = f"decimal points and decimal commas are mixed (line {number})"
             raise refusal(what, allowed="one of them in all numbers, and no separators of thousands")
         rows.append(row)
-    return rows, commas
+        read.append(number)
+    return rows, commas, read
 
 
 def listed_places(places: Sequence[int]) -> str:
@@ -251,7 +256,7 @@ def _without_numbers(columns: Sequence[str | int] | None, header: Sequence[tuple
         else:
             lines = f"{len(header)} lines"
         raise refusal(f"no numbers {place} of {lines}", allowed=_TWO_COLUMNS)
-    return NumberTable(tuple(header), 0, (0, 1), [], False)
+    return NumberTable(tuple(header), 0, (0, 1), [], False, [])
 
 
 _COMMA: Final = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")

@@ -136,6 +136,18 @@ def _unit_in(title: str, time: bool) -> str:
     return ""
 
 
+def column_unit(table: NumberTable, i: int) -> str:
+    """Unit of the i-th column as its header writes it, in a title or a cell of its own; empty where there is none."""
+    place = table.places[i]
+    for line in reversed(table.header[-2:]):
+        if place < len(line):
+            bare = _bare(line[place])
+            unit = bare if _is_unit(bare) else _unit_in(line[place], False)
+            if unit:
+                return unit
+    return ""
+
+
 def heads(table: NumberTable) -> tuple[ColumnHead, ColumnHead]:
     """What the header of a file says of the columns of times and of values."""
     lines = [line for line in table.header[-2:] if max(table.places) < len(line) <= table.width]

@@ -14,7 +14,8 @@ from scipy.signal import firwin, oaconvolve
 import latin_fmu
 from latin_fmu.accuracy.estimate import estimate_error
 from latin_fmu.cli import main
-from latin_fmu.results.spectra import ramp_filter, shock_response_spectrum, spectrum_error
+from latin_fmu.results.spectra import shock_response_spectrum, spectrum_error
+from latin_fmu.shock.oscillators import ramp_filter
 
 from .test_sensors import pressed
 
