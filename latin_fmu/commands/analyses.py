@@ -91,7 +91,7 @@ Writes STEM.csv, STEM.nc and STEM.png.
 _MOST_MODES, _MOST_POINTS = 1000, 200
 Joints = Literal["sticking", "open", "bonded"]
 Along = Annotated[Literal["x", "y", "z"] | None, Option("axis in the figure (default: that of the largest)")]
-_OF_SPECTRUM = ("lowest", "highest", "per_octave", "quality")
+_OF_SPECTRUM = ("lowest", "highest", "per_octave", "quality", "damping")
 _OF_RECORD = ("value_unit", "time_unit", "column", "time_column", "gaps")
 
 
@@ -342,6 +342,7 @@ class SrsOptions(OfSensors):
     highest: Annotated[float | None, Option("last frequency (default: sampling rate / 10)", "HZ")] = None
     per_octave: Annotated[int | None, Option("frequencies per octave (default: 12)", "N")] = None
     quality: Annotated[float | None, Option("amplification of the oscillators (default: 10)", "Q")] = None
+    damping: Annotated[float | None, Option("damping ratio of the oscillators, instead of --quality", "RATIO")] = None
     along: Along = None
     json: Json = False
     output: Annotated[Path | None, Option("default: RESULT_srs beside the results", "STEM", "-o")] = None

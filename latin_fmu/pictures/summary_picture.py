@@ -433,7 +433,7 @@ def spectra_figure(
 
     Parameters
     ----------
-    spectra : by sensor, with the relative error (3, n, 3) or None. along : x, y or z; the axis of the largest
+    spectra : by sensor, with the relative error (5, n, 3) or None. along : x, y or z; the axis of the largest
         acceleration where None. units : of the run.
     """
     from matplotlib.figure import Figure
@@ -458,12 +458,13 @@ def spectra_figure(
 
 
 def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | None) -> None:
-    """Maximax, primary and residual (3, n) on logarithmic axes, which differ by line and grey as well as by colour."""
+    """Maximax, primary and residual of rows (5, n) on logarithmic axes, which differ by line and grey, too."""
     styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
     top = max(float(values[0].max(initial=0.0)), 1e-300)
     if error is not None:
         _error_band(panel, frequency, values[0], error, color="0.82", label="estimated error of maximax")
-    for row, (label, colour, line, width) in zip(values, styles, strict=True):
+    # positive and negative ones stay with the tables
+    for row, (label, colour, line, width) in zip(values, styles, strict=False):
         # a residual may be 0, which a logarithmic axis does not have
         panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
     spectrum_axes(panel, float(values[0].min(initial=top)), top)

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from ..errors import InputError, Problem
 from ..scene.unit_texts import GRAVITY
 from ..scene.units import UnitSystem
+from ..shock.oscillators import RESPONSES
 from .filters import uniform_step
 from .groups import units_of
 from .quantities import AXES
-from .spectra import RESPONSES, ShockSpectrum, stored_spectra
+from .spectra import ShockSpectrum, stored_spectra
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -255,6 +255,9 @@ SPECTRUM: Final = rows(
     acceleration    | m s-2 | response frequency component | largest absolute acceleration of the oscillator
     pseudo_velocity | m s-1 | response frequency component | largest relative displacement of the oscillator times its \
         angular frequency
+    relative_displacement | m | response frequency component | largest relative displacement of the oscillator
+    equivalent_static_acceleration | m s-2 | response frequency component | largest relative displacement of the \
+        oscillator times the square of its angular frequency
     relative_error | 1 | response frequency component | estimated relative error of the spectrum | difference from the \
         spectrum of a run on a coarser mesh with a longer step over (ratio of steps - 1), for errors of first order; \
         the largest within half an octave

@@ -41,12 +41,13 @@ from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, Senso
 from ..scene.quantity_table import BOLT, ENERGY, INTERFACE, SENSOR, Doubt, EntryOf, RunScalar, rows_of, values_of
 from ..scene.quantity_table import in_words as quantity_in_words
 from ..scene.units import SI, UnitSystem
+from ..shock.oscillators import RESPONSES
 from .groups import StoredGroup, finite
 from .interface_fields import CONTACT_SHARE
 from .owner_records import BoltRecord, InterfaceRecord, SensorRecord
 from .quantities import AXES, LABELS, SPECTRUM, ByQuantity, named, rows
 from .sentences import named_lines
-from .spectra import RESPONSES, ShockSpectrum, spectrum_changes
+from .spectra import ShockSpectrum, spectrum_changes
 
 WITHIN: Final = 0.01
 """Change of a parameter, over its value, within which a state that would change counts as changing."""

@@ -22,14 +22,15 @@ from ..latin.outcome import Array, SensorHistory
 from ..scene.readable_numbers import readable
 from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
-from ..shock.oscillators import largest_responses
+from ..shock.oscillators import RESPONSES, largest_responses
 from .groups import StoredGroup, children_of
 from .quantities import AXES, LABELS, SPECTRUM, named
 
 if TYPE_CHECKING:
     import xarray as xr
 
-RESPONSES: Final = ("maximax", "primary", "residual")
+KINDS: Final = ("acceleration", "pseudo_velocity", "relative_displacement", "equivalent_static_acceleration")
+"""Spectra of ISO 18431-4, attributes of a ``ShockSpectrum``."""
 Interpolation = Literal["band", "lines"]
 BAND: Final = "band"
 LINES: Final = "lines"
@@ -52,8 +53,8 @@ class ShockSpectrum:
     Attributes
     ----------
     frequency : (n,), Hz. quality : Q of the oscillators.
-    acceleration : (3, n, ...) largest magnitude of the absolute acceleration, rows ``RESPONSES``, unit of the input.
-    pseudo_velocity : (3, n, ...) largest magnitude of omega z, that unit times s.
+    acceleration : (5, n, ...) largest magnitude of the absolute acceleration, rows ``RESPONSES``, unit of the input.
+    pseudo_velocity : (5, n, ...) largest magnitude of omega z, that unit times s.
     interpolation : of the samples: ``BAND``, ``LINES`` or ``LARGER``.
     apart : largest difference of both over the larger one, of a record that starts or ends with a jump, else 0.
     """
@@ -64,6 +65,20 @@ class ShockSpectrum:
     pseudo_velocity: Array
     interpolation: str = LINES
     apart: float = 0.0
+
+    @property
+    def relative_displacement(self) -> Array:
+        """(5, n, ...) largest magnitude of z, that unit times s2."""
+        return self.pseudo_velocity / self._omega
+
+    @property
+    def equivalent_static_acceleration(self) -> Array:
+        """(5, n, ...) largest magnitude of omega^2 z, unit of the input."""
+        return self.pseudo_velocity * self._omega
+
+    @property
+    def _omega(self) -> Array:
+        return (2.0 * np.pi * self.frequency).reshape(-1, *[1] * (self.pseudo_velocity.ndim - 2))
 
 
 def shock_response_spectrum(
@@ -117,7 +132,7 @@ def shock_response_spectrum(
         damping = 0.0
     else:
         damping = 0.5 / quality
-    shape = (2, 3, len(f), *samples.shape[1:])
+    shape = (2, len(RESPONSES), len(f), *samples.shape[1:])
     if interpolation == LINES:
         both = largest_responses(columns, step, f, damping).reshape(shape)
         return ShockSpectrum(f, quality, both[0], both[1])
@@ -141,7 +156,7 @@ def _jumps(columns: Array) -> Any:
 def _band_spectra(columns: Array, step: float, f: Array, damping: float) -> Array:
     """``largest_responses`` of records interpolated in their band, by oscillators that need as many samples."""
     needed = np.searchsorted(_FINER, _OF_BAND * f * step)
-    largest = np.empty((2, 3, len(f), columns.shape[1]))
+    largest = np.empty((2, len(RESPONSES), len(f), columns.shape[1]))
     for i, factor in enumerate(_FINER):
         finer = factor
         chosen = np.flatnonzero(np.minimum(needed, len(_FINER) - 1) == i)
@@ -203,12 +218,8 @@ def spectrum_changes(spectrum: ShockSpectrum, history: SensorHistory, time: Arra
 
 
 def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> StoredGroup:
-    """Group ``sensors/<name>/spectrum``; ``error`` (3, n, 3): estimated relative error (``spectrum_error``)."""
-    fields = {
-        "acceleration": spectrum.acceleration,
-        "pseudo_velocity": spectrum.pseudo_velocity,
-        "relative_error": error,
-    }
+    """Group ``sensors/<name>/spectrum``; ``error`` (5, n, 3): estimated relative error (``spectrum_error``)."""
+    fields = {kind: getattr(spectrum, kind) for kind in KINDS} | {"relative_error": error}
     along = {"response": list(RESPONSES), "frequency": spectrum.frequency, "component": AXES}
     attrs = {
         "quality": spectrum.quality,
@@ -226,8 +237,8 @@ def record_dataset(spectrum: ShockSpectrum) -> xr.Dataset:
 
     dims = ("response", "frequency")
     data = {
-        name: (dims, values, {key: value for key, value in SPECTRUM[name].attributes.items() if key != "comment"})
-        for name, values in (("acceleration", spectrum.acceleration), ("pseudo_velocity", spectrum.pseudo_velocity))
+        kind: (dims, getattr(spectrum, kind), {k: v for k, v in SPECTRUM[kind].attributes.items() if k != "comment"})
+        for kind in KINDS
     }
     labels = {
         "response": ("response", np.array(RESPONSES, dtype=object), LABELS["response"].attributes),
@@ -240,9 +251,14 @@ def record_dataset(spectrum: ShockSpectrum) -> xr.Dataset:
 def record_csv(spectrum: ShockSpectrum, acceleration: tuple[float, str] = (1.0, "m s-2")) -> str:
     """Spectrum of one component as comma-separated values, one row a frequency, in SI; ``acceleration`` : factor and
     unit of accelerations."""
-    size, unit = acceleration
-    names = [f"{r} acceleration [{unit}]" for r in RESPONSES] + [f"{r} pseudo_velocity [m s-1]" for r in RESPONSES]
-    table = np.stack([spectrum.frequency, *(size * spectrum.acceleration), *spectrum.pseudo_velocity], axis=1)
+    names, columns = [], [spectrum.frequency]
+    for kind in KINDS:
+        size, unit = 1.0, str(SPECTRUM[kind].unit)
+        if unit == "m s-2":
+            size, unit = acceleration
+        names += [f"{response} {kind} [{unit}]" for response in RESPONSES]
+        columns += list(size * getattr(spectrum, kind))
+    table = np.stack(columns, axis=1)
     rows = [",".join(f"{value:.9g}" for value in row) for row in table]
     return "\n".join([",".join(["frequency [Hz]", *names]), *rows]) + "\n"
 
@@ -279,7 +295,7 @@ def stored_spectra(tree: xr.DataTree) -> dict[str, tuple[ShockSpectrum, Array | 
 
 
 def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> Array:
-    """Estimated relative error (3, n, 3) of a spectrum from that of a run coarser by ``ratio`` in mesh and step.
+    """Estimated relative error (5, n, 3) of a spectrum from that of a run coarser by ``ratio`` in mesh and step.
 
     0.85 times the difference of both over ratio - 1 (the extrapolation of errors of first order), the largest within
     half an octave, so that curves that cross by chance do not look exact; NaN beyond the frequencies of the coarser
@@ -304,9 +320,9 @@ def as_csv(
     head = ["frequency [Hz]"]
     table = [spectra[0][1].frequency]
     for name, spectrum in spectra:
-        for kind in ("acceleration", "pseudo_velocity"):
+        for kind in KINDS:
             values, unit = getattr(spectrum, kind), units.label(str(SPECTRUM[kind].unit))
-            if kind == "acceleration" and acceleration is not None:
+            if SPECTRUM[kind].unit == "m s-2" and acceleration is not None:
                 values, unit = acceleration[0] * values, acceleration[1]
             for r, response in enumerate(RESPONSES):
                 head += [f"{name} {response} {kind} {axis} [{unit}]" for axis in AXES]

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
 from ..fem.mesh import Mesh, boundary, cell_blocks
+from ..shock.oscillators import RESPONSES
 from .files import readable
 from .filters import uniform_step
 from .groups import unit_of, units_of
 from .interface_fields import InterfaceFields, friction_resultant, normal_resultant
-from .spectra import LINES, RESPONSES, shock_response_spectrum
+from .spectra import LINES, shock_response_spectrum
 
 if TYPE_CHECKING:
     import xarray as xr

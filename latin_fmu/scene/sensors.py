@@ -62,7 +62,24 @@ class Spectrum(SceneTable):
         Real | None, about("last frequency; default: a tenth of the sampling rate of the run", "Hz", gt=0)
     ] = None
     per_octave: Annotated[Count, about("frequencies per octave", "1", ge=1, le=96)] = 12
-    quality: Annotated[Real, about("amplification Q = 1 / (2 damping ratio) of the oscillators", "1", gt=0.5)] = 10.0
+    quality: Annotated[
+        Real, about("amplification Q = 1 / (2 damping ratio) of the oscillators; follows from damping", "1", gt=0.5)
+    ] = 10.0
+    damping: Annotated[Real | None, about("damping ratio of the oscillators, instead of quality", "1", gt=0, lt=1)] = (
+        None
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _quality_of(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("damping") is None:
+            return data
+        ratio = data["damping"]
+        if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0.0 < ratio < 1.0:
+            return data
+        if "quality" in data and not math.isclose(data["quality"], 0.5 / ratio):
+            raise refusal("Q and damping contradict each other", value=[data["quality"], ratio], remedy="omit one")
+        return data | {"quality": 0.5 / ratio}
 
     @model_validator(mode="after")
     def _check_range(self) -> Self:

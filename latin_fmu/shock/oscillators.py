@@ -15,7 +15,9 @@ and E = exp(-zeta omega T), the filter with denominator 1 - 2 C z^-1 + E^2 z^-2 
 with y1 the first term of b1. r is summed as a power series where omega T is small: its closed form loses all digits.
 Straight lines are sampled again wherever a period has fewer than ``SAMPLES`` of them, so that maxima are not missed.
 
-Primary: during the record. Residual: after it, with a = 0, from the free motion in closed form. Maximax: the larger.
+Primary: during the pulse, which ends with the last sample that counts (``_NOTHING``). Residual: after it, with a = 0,
+from the free motion in closed form. Maximax: the larger. Positive and negative: the largest values of y and -omega z of
+either sign, during and after the pulse; without damping y = -omega^2 z.
 """
 
 from __future__ import annotations
@@ -29,14 +31,26 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 SAMPLES: Final = 32
 """Samples per period of an oscillator: a maximum between two of them is at most 0.5 % larger."""
+RESPONSES: Final = ("maximax", "primary", "residual", "positive", "negative")
+_NOTHING: Final = 1e-9  # of the largest sample: what is below it at the end of a record is no part of the pulse
 _SERIES, _TERMS = 1.0, 40  # omega t up to which the ramp response is a power series, and its terms
 
 
 def largest_responses(columns: Array, step: float, f: Array, damping: float) -> Array:
-    """Largest magnitudes (2, 3, n, n_component) of y and omega z, by response, with lines between the samples."""
-    primary = np.stack([_primary(columns, step, 2 * math.pi * x, damping) for x in f], axis=1)
-    residual = _residual(columns, step, 2 * math.pi * f, damping)
-    return np.stack([np.maximum(primary, residual), primary, residual], axis=1)
+    """Largest magnitudes (2, 5, n, n_component) of y and omega z, by response, with lines between the samples."""
+    columns = _pulse(columns)
+    # sign, kind, frequency, component
+    during = np.stack([_primary(columns, step, 2 * math.pi * x, damping) for x in f], axis=2)
+    after = _residual(columns, step, 2 * math.pi * f, damping)
+    primary, residual, signed = during.max(axis=0), after.max(axis=0), np.maximum(during, after)
+    return np.stack([np.maximum(primary, residual), primary, residual, *signed], axis=1)
+
+
+def _pulse(columns: Array) -> Array:
+    """A record (n_time, n) up to its last sample that counts in any column, and one more, which is where it ends."""
+    counts = np.flatnonzero((np.abs(columns) > _NOTHING * np.abs(columns).max(initial=0.0)).any(axis=1))
+    last = int(counts[-1]) if len(counts) else 0
+    return columns[: max(last + 2, 2)]
 
 
 def ramp_filter(angle: float, damping: float) -> tuple[Array, Array, Array]:
@@ -79,7 +93,7 @@ def _impulse_series(damping: float) -> Array:
 
 
 def _primary(columns: Array, step: float, omega: float, damping: float) -> Array:
-    """Largest magnitudes (2, n_component) of y and omega z during the record."""
+    """Largest values of either sign (2, 2, n_component), as magnitudes, of y and -omega z during the pulse."""
     from scipy.signal import lfilter
 
     finer = max(1, math.ceil(SAMPLES * omega * step / (2 * math.pi)))
@@ -91,11 +105,11 @@ def _primary(columns: Array, step: float, omega: float, damping: float) -> Array
     # that of an oscillator at rest at the first sample, under a jump to the acceleration there
     jumped = _step_responses(omega * step / finer, damping)
     largest = []
-    for numerator, after in ((of_y, jumped[1]), (of_z, jumped[0])):
+    for numerator, after in ((of_y, jumped[1]), (-of_z, -jumped[0])):
         state = np.array([-numerator[0], after - numerator[0] - numerator[1]])
         y, _ = lfilter(numerator, denominator, columns, axis=0, zi=state[:, None] * columns[:1])
-        largest.append(np.abs(y).max(axis=0))
-    return np.stack([largest[0], largest[1] / omega])
+        largest.append(np.maximum([y.max(axis=0), -y.min(axis=0)], 0.0))
+    return np.stack([largest[0], largest[1] / omega], axis=1)
 
 
 def _step_responses(angle: float, damping: float) -> tuple[float, float]:
@@ -112,7 +126,8 @@ def _step_responses(angle: float, damping: float) -> tuple[float, float]:
 
 
 def _residual(columns: Array, step: float, omega: Array, damping: float) -> Array:
-    """Largest magnitudes (2, n, n_component) of y and omega z after the record, where the base does not accelerate.
+    """Largest values of either sign (2, 2, n, n_component), as magnitudes, of y and -omega z after the pulse, where the
+    base does not accelerate.
 
     z at the time s after the end is -Im(G exp(lambda s)) / omega_d, with lambda = -zeta omega + i omega_d and
     G = int a(t) exp(lambda (t_end - t)) dt, exact for the straight lines.
@@ -126,7 +141,7 @@ def _residual(columns: Array, step: float, omega: Array, damping: float) -> Arra
     g = late[:, None] * _decaying_sums(columns[1:], x) + early[:, None] * _decaying_sums(columns[:-1], x)
     of_z = g * (omega / damped)[:, None]
     of_y = g * ((2 * damping * omega * rate + omega**2) / damped)[:, None]
-    return np.stack([_largest_decay(amplitude, rate[:, None]) for amplitude in (of_y, of_z)])
+    return np.stack([_largest_decay(amplitude, rate[:, None]) for amplitude in (of_y, of_z)], axis=1)
 
 
 def _decaying_sums(columns: Array, x: Array) -> Array:
@@ -150,7 +165,11 @@ def _phi(x: Array, order: int) -> Array:
 
 
 def _largest_decay(amplitude: Array, rate: Array) -> Array:
-    """Largest magnitude of Im(amplitude exp(rate s)) over s >= 0: at s = 0 or at the first extreme after it."""
+    """Largest values of either sign (2, ...), as magnitudes, of Im(amplitude exp(rate s)) over s >= 0: at s = 0, at the
+    first extreme after it, or at the next one, which has the other sign."""
     slope = amplitude * rate  # the derivative is Im(slope exp(rate s)), zero at a multiple of pi of its phase
     wait = np.mod(-np.angle(slope), np.pi) / rate.imag
-    return np.asarray(np.maximum(np.abs(amplitude.imag), np.abs((amplitude * np.exp(rate * wait)).imag)))
+    first = (amplitude * np.exp(rate * wait)).imag
+    second = (amplitude * np.exp(rate * (wait + np.pi / rate.imag))).imag
+    values = np.stack([amplitude.imag, first, second])
+    return np.maximum([values.max(axis=0), -values.min(axis=0)], 0.0)

@@ -75,7 +75,7 @@ def test_universal_file(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_allclose(values, 1e-3 * spectrum["acceleration"].values[0, :, 2], rtol=1e-11)
     assert records[0].split()[0] == "24"
     assert (int(records[2][:10]), int(records[3][:10])) == (18, 12)
-    assert len(read) == 3 * (3 + 6) + 2 * 3 * 3
+    assert len(read) == 3 * (3 + 6) + 2 * 5 * 3
     tree.close()
 
 
