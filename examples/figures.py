@@ -44,7 +44,7 @@ class Drawing:
         """The file that the gallery links to, from the top of the repository: the script, or the README of a model."""
         words = (word for word in self.command.split() if word.startswith(("examples/", "models/")))
         file = next(words, "README.md")
-        return file if file.endswith((".py", ".md")) else str(Path(file).with_name("README.md"))
+        return str(Path(file).with_name("README.md")) if file.endswith(".toml") else file
 
     def digest(self) -> str:
         """Of the sources of what it shows, and of its script."""
@@ -87,6 +87,11 @@ DRAWINGS = {
     "convergence_friction": _script("convergence_friction.py"),
     "static_friction": _script("static_friction.py"),
     "prestress": _script("prestress.py", "assembly", "statics"),
+    "base_history": Drawing(
+        "latin-fmu base examples/base_history.csv -o base_history",
+        ("shock",),
+        "A base history from a specified shock response spectrum: band, spectrum reached, and the motion of the base.",
+    ),
     "joint_damping": _script("joint_damping.py", "assembly"),
     "thin_beam": _script("thin_beam.py", "assembly"),
     "electronics_box_parts": Drawing(

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from ..errors import InputError, Problem, listed
 from . import CONVERGED, NOT_CONVERGED, Json, Waiting, tell, tell_written
@@ -36,7 +37,8 @@ examples:
 Spectra of the records at equal frequencies, and their largest value or the normal tolerance limit of their logarithms
 (NASA-HDBK-7005): P95/50 covers 95 % of all records with 50 % confidence.
 """
-_RULES = {"P95/50": (0.95, 0.5), "P95/90": (0.95, 0.9), "P99/90": (0.99, 0.9)}
+_RULES: Final = MappingProxyType({"P95/50": (0.95, 0.5), "P95/90": (0.95, 0.9), "P99/90": (0.99, 0.9)})
+"""Share of all records and confidence of a tolerance limit."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -192,7 +192,9 @@ class SrsLaw(PointsLaw):
     ] = ""
     unit: Annotated[
         AccelerationUnit | None,
-        about(f"unit of the accelerations of the file: {names_for('m s-2')}, or the factor to the units of the scene"),
+        about(
+            f"unit of the accelerations of the file: {names_for('m s-2')}, or the factor to the units of the scene", "1"
+        ),
     ] = None
     frequency: Annotated[Series, about("breakpoints instead of a file: increasing", "Hz")] = ()
     acceleration: Annotated[Series, about("maximax of the absolute acceleration at these", "m s-2")] = ()

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..shock.base_histories import WAVES as _WAVES
-from ..shock.base_histories import BaseHistory, Limits, Waves, base_history
+from ..shock.base_histories import BaseHistory, TestStand, Waves, base_history
 from ..shock.specification import HIGHEST_SHARE, Specification, breakpoint_problems
 from .fields import refusal
 from .number_files import factor, number_table
@@ -55,9 +55,7 @@ class Request:
     waves: Waves
     tolerance: float
     seeds: int
-    duration: float | None
-    rate: float | None
-    limits: Limits
+    stand: TestStand
 
     @staticmethod
     def of(data: Mapping[str, Any], base_dir: Path, system: UnitSystem) -> Request:
@@ -74,15 +72,13 @@ class Request:
         if duration is not None and duration * frequency[0] < _FEWEST_PERIODS:
             allowed = f"{_FEWEST_PERIODS / frequency[0]:g} s or more, {_FEWEST_PERIODS:g} of its longest periods"
             raise refusal("the history is too short for its specification", value=f"{duration:g} s", allowed=allowed)
-        limits = [data.get(key) for key in _LIMITED]
+        peak, velocity, displacement = (data.get(key) or np.inf for key in _LIMITED)
         return Request(
             Specification(np.array(frequency), np.array(acceleration), float(data.get("quality", 10.0))),
             data.get("waves", "wavelets"),
             float(data.get("tolerance", 1.0)),
             int(data.get("seeds", 5)),
-            duration,
-            rate,
-            Limits(*(np.inf if limit is None else limit for limit in limits)),
+            TestStand(peak, velocity, displacement, duration, rate),
         )
 
     def history(self, progress: Callable[[str], None] | None = None) -> BaseHistory:
@@ -92,9 +88,7 @@ class Request:
             self.waves,
             tolerance=self.tolerance,
             seeds=range(self.seeds),
-            duration=self.duration,
-            rate=self.rate,
-            limits=self.limits,
+            stand=self.stand,
             progress=progress,
         )
 

@@ -55,12 +55,22 @@ _STALLED: Final = 8  # steps that do not improve
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a shaker or a drop table can do: largest acceleration, m s-2, velocity, m s-1, and displacement, m."""
+class TestStand:
+    """A shaker or a drop table: largest acceleration, m s-2, velocity, m s-1, and displacement, m, that it can do.
+
+    Attributes
+    ----------
+    duration : of its history, s; None: ``PERIODS`` of the lowest frequency. rate : samples a second; None: ``RATE``
+        times the highest frequency.
+    """
+
+    __test__ = False  # no tests for pytest
 
     peak: float = math.inf
     velocity: float = math.inf
     displacement: float = math.inf
+    duration: float | None = None
+    rate: float | None = None
 
 
 @dataclass(frozen=True)
@@ -71,7 +81,7 @@ class BaseHistory:
     ----------
     time : (n,) equal steps from 0, s. acceleration : (n,) linear in between, m s-2. specification : that it is for.
     frequency, reached : (m,) twelfths of an octave, Hz, and its maximax spectrum there, m s-2. seed : of its delays.
-    limits : that it should keep.
+    stand : that it is for.
     """
 
     time: Array
@@ -80,7 +90,7 @@ class BaseHistory:
     frequency: Array
     reached: Array
     seed: int
-    limits: Limits
+    stand: TestStand
 
     @cached_property
     def velocity(self) -> Array:
@@ -116,9 +126,9 @@ class BaseHistory:
     def excess(self) -> dict[str, tuple[float, float]]:
         """Largest acceleration, velocity or displacement beyond its limit, and the limit, by name."""
         largest = {
-            "peak": (float(np.abs(self.acceleration).max()), self.limits.peak),
-            "velocity": (float(np.abs(self.velocity).max()), self.limits.velocity),
-            "displacement": (float(np.abs(self.displacement).max()), self.limits.displacement),
+            "peak": (float(np.abs(self.acceleration).max()), self.stand.peak),
+            "velocity": (float(np.abs(self.velocity).max()), self.stand.velocity),
+            "displacement": (float(np.abs(self.displacement).max()), self.stand.displacement),
         }
         return {name: values for name, values in largest.items() if values[0] > values[1]}
 
@@ -133,9 +143,7 @@ def base_history(
     *,
     tolerance: float = 1.0,
     seeds: Iterable[int] = range(5),
-    duration: float | None = None,
-    rate: float | None = None,
-    limits: Limits | None = None,
+    stand: TestStand | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> BaseHistory:
     """The base history of a specification with the smallest peak of several seeds; where none of them meets it within
@@ -144,8 +152,7 @@ def base_history(
     Parameters
     ----------
     waves : see the module docstring. tolerance : dB, at each twelfth of an octave. seeds : of delays and lengths.
-    duration : s; default ``PERIODS`` of the lowest frequency. rate : samples a second; default ``RATE`` times the
-    highest frequency. progress : called with a line a seed.
+    stand : limits and sampling. progress : called with a line a seed.
 
     Examples
     --------
@@ -154,14 +161,14 @@ def base_history(
     >>> bool(history.error < 1.0), bool(abs(history.velocity[-1]) < 1e-9 * abs(history.velocity).max())
     (True, True)
     """
-    limits = limits or Limits()
-    sums = [_Sum(specification, waves, seed, duration, rate) for seed in seeds]
+    stand = stand or TestStand()
+    sums = [_Sum(specification, waves, seed, stand) for seed in seeds]
     for sum_ in sums:
         sum_.by_ratios()
     best: BaseHistory | None = None
     for sum_ in sorted(sums, key=lambda s: s.peak):
         sum_.by_newton(_CLOSE * tolerance)
-        found = sum_.history(limits)
+        found = sum_.history()
         if progress is not None:
             peak = float(np.abs(found.acceleration).max())
             progress(f"seed {found.seed}: within {found.error:.2g} dB, peak {peak:.4g} m/s2")
@@ -188,15 +195,13 @@ class _Sum:
     rows : (m, n) waves. sizes : (m,), m s-2.
     """
 
-    def __init__(
-        self, specification: Specification, waves: Waves, seed: int, duration: float | None, rate: float | None
-    ) -> None:
-        self.seed, self.specification = seed, specification
+    def __init__(self, specification: Specification, waves: Waves, seed: int, stand: TestStand) -> None:
+        self.seed, self.specification, self.stand = seed, specification, stand
         self.frequency = specification.grid()
         self.asked = specification.at(self.frequency)
         self.damping = 0.5 / specification.quality
-        rate = rate or RATE * float(self.frequency[-1])
-        whole = duration or PERIODS / float(self.frequency[0])
+        rate = stand.rate or RATE * float(self.frequency[-1])
+        whole = stand.duration or PERIODS / float(self.frequency[0])
         self.step = 1.0 / rate
         self.time: Array = self.step * np.arange(math.ceil(whole * rate) + 1, dtype=float)
         self.rows = np.array(list(_waves(waves, self.frequency, self.time, np.random.default_rng(seed))))
@@ -284,11 +289,11 @@ class _Sum:
             slopes[j] = self.rows[:, :n] @ self._impulses[j, start : start + n]
         return slopes
 
-    def history(self, limits: Limits) -> BaseHistory:
+    def history(self) -> BaseHistory:
         """The sum with its spectrum."""
         acceleration = self.acceleration
         spectrum = largest_responses(acceleration[:, None], self.step, self.frequency, self.damping)[0, 0, :, 0]
-        return BaseHistory(self.time, acceleration, self.specification, self.frequency, spectrum, self.seed, limits)
+        return BaseHistory(self.time, acceleration, self.specification, self.frequency, spectrum, self.seed, self.stand)
 
 
 def _waves(waves: Waves, frequency: Array, time: Array, random: np.random.Generator) -> Iterator[Array]:

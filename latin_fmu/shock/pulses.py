@@ -48,7 +48,7 @@ def pulse_history(kind: str, size: float, duration: float, share: float = 0.1) -
     Examples
     --------
     >>> time, acceleration = pulse_history("half_sine", 500.0, 11e-3)
-    >>> float(acceleration.max().round(3)), bool(abs(np.trapezoid(acceleration, time)) < 1e-9)
+    >>> float(acceleration.max().round(1)), bool(abs(np.trapezoid(acceleration, time)) < 1e-9)
     (500.0, True)
     """
     shape = PULSES[kind]
