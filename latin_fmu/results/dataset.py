@@ -5,7 +5,7 @@
     /                      provenance and status, as attributes
     /interfaces/<name>     INTERFACE, INTERFACE_MADE, at POINTS; where they carry cells SURFACE in its mean PLANE
     /substructures/<name>  SUBSTRUCTURE and RECOVERED as far as the scene requests them, and with any of them the MESH
-                           with its NODES
+                           with its NODES and their MARKS
     /substructures/<name>/energy   ENERGY of the substructure, where requested
     /sensors/<name>        SENSOR at SENSOR_PLACE, FILTERED where requested
     /sensors/<name>/spectrum       SPECTRUM where requested, its relative error where estimated
@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from ..fem.elasticity import von_mises
 from ..fem.elements import Recovery, principal
 from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.status import WindowList
@@ -49,6 +50,7 @@ from .quantities import (
     INTERFACE,
     INTERFACE_MADE,
     LABELS,
+    MARKS,
     MESH,
     NODES,
     PLANE,
@@ -92,15 +94,21 @@ class Recovered:
         if self.strain and moved is not None:
             strain = self.recovery.strain(moved)
         if self.nodal_stress and moved is not None:
-            nodal = self.recovery.nodal_stress(moved)
-        if nodal is not None and self.unstrained is not None:
-            nodal = nodal + self.unstrained(history.time)
+            nodal = self.stress_at_nodes(moved, history.time)
         return {
             "strain": strain,
             "principal_stress": self._principal(history.stress),
             "nodal_stress": nodal,
             "nodal_principal_stress": self._principal(nodal),
+            "nodal_von_mises": None if nodal is None else von_mises(nodal),
         }
+
+    def stress_at_nodes(self, displacement: Array, time: Array) -> Array:
+        """Stress (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m, at instants (n_time,), s."""
+        nodal = self.recovery.nodal_stress(displacement)
+        if self.unstrained is not None:
+            nodal = nodal + self.unstrained(time)
+        return nodal
 
     def _principal(self, stress: Array | None) -> Array | None:
         """Principal stresses, None where there is no stress or where they are not requested."""
@@ -366,7 +374,7 @@ def _stored_energy(history: SubstructureHistory, run_time: Array) -> StoredGroup
 
 def substructure_group(history: SubstructureHistory, recovered: Recovered | None = None) -> StoredGroup:
     """Group ``substructures/<name>``: fields at the stored instants, and the mesh."""
-    fields = columns(SUBSTRUCTURE, history)
+    fields = [*columns(SUBSTRUCTURE, history), *columns(MARKS, history)]
     if recovered is not None:
         fields += named(RECOVERED, recovered.fields(history))
     used = {dim for row, _ in fields for dim in row.dims}
