@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -431,9 +431,9 @@ class Recovery:
                 done += len(block.cells)
             at_nodes = np.einsum("ap,tcpk->catk", to_nodes, stress, optimize=True)
             # every element counts alike, as in other programs: means by volume differ much from theirs where sizes do
-            where = (np.ones(block.cells.size), (block.cells.ravel(), np.arange(block.cells.size)))
+            where: Any = (np.ones(block.cells.size), (block.cells.ravel(), np.arange(block.cells.size)))
             share = sp.csr_array(sp.coo_array(where, shape=(n_node, block.cells.size)))
-            total += np.asarray(share @ at_nodes.reshape(block.cells.size, -1))
+            total += share @ at_nodes.reshape(block.cells.size, -1)
             weight += share @ np.ones(block.cells.size)
         return np.swapaxes((total / weight[:, None]).reshape(n_node, n_time, 6), 0, 1)
 

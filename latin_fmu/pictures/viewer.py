@@ -25,8 +25,9 @@ from ..fem.mesh import Array, Index, Mesh, cell_blocks, nearest
 from ..results.groups import datasets_of, unit_of, units_of
 from ..results.interface_fields import InterfaceFields, friction_resultant, normal_resultant
 from ..scene.readable_numbers import prefix_for
+from .body_fields import at_instants, base_motion, stored_bodies
 from .frame import sharp_edges, shifts_apart, skin_of
-from .result_picture import Window, magnification, stored_bodies, stored_instants
+from .result_picture import Window, magnification, stored_instants
 from .style import PARTS, PRESSURE, SEQUENTIAL
 
 MOST_BYTES: Final = 14_000_000  # of the block; the page is at most 4/3 of it and 0.1 MB
@@ -86,10 +87,9 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
     instants = Window(first, last, frames or _frames(surfaces, interfaces)).instants(stored_instants(tree))
     rest = np.concatenate([surface.points for surface in surfaces.values()])
     centre, size = 0.5 * (rest.min(axis=0) + rest.max(axis=0)), float(np.ptp(rest, axis=0).max())
+    base = base_motion(bodies, instants)
     moved = {
-        name: np.nan_to_num(dataset["displacement"].sel(time=instants, method="nearest").values)[
-            :, surfaces[name].nodes
-        ]
+        name: at_instants(dataset, "displacement", instants)[:, surfaces[name].nodes] - base[:, None]
         for name, dataset in bodies.items()
     }
     largest = max(float(np.linalg.norm(values, axis=2).max(initial=0.0)) for values in moved.values())

@@ -32,7 +32,7 @@ class PeakStress:
     place: Array
 
     def report(self) -> dict[str, Any]:
-        """Plain data."""
+        """Plain data for JSON."""
         return {"stress": finite(self.stress), "time": finite(self.time), "place": [finite(x) for x in self.place]}
 
 
