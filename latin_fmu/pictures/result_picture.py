@@ -443,8 +443,8 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
     else:
         rows, columns = 1, len(maps)
     width, height = (float(np.ptp(dataset[name].values)) for name in ("surface_x", "surface_y"))
-    tall = float(np.clip(4.2 * height / max(width, 1e-300), 2.0, 5.5)) + 1.6
-    figure = Figure(figsize=(10.0 if rubs else 5.4, rows * tall), layout="constrained")
+    tall = float(np.clip(3.7 * height / max(width, 1e-300), 1.6, 5.0)) + 0.7
+    figure = Figure(figsize=(10.0 if rubs else 5.4, rows * tall + 0.8), layout="constrained")
 
     def draw_instant(time: float) -> None:
         figure.clear()
@@ -454,7 +454,7 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
             _draw_field(figure, axis, dataset, (name, values[0], unit, colours), ends)
         if "contact_status" in dataset:
             _draw_states(figure, axes[0], dataset, now["contact_status"].values[0])
-        head = f"{tree.attrs.get('scene_name', 'run')}: interface {dataset.attrs['name']}"
+        head = f"{tree.attrs.get('scene_name', 'run')}: interface {dataset.attrs['name']}{_level(dataset)}"
         figure.suptitle(f"{head}, {readable(time, 's', figure=True)}")
 
     return figure, draw_instant
@@ -500,6 +500,8 @@ def _maps(dataset: xr.Dataset, rubs: bool) -> list[_Map]:
 def _range(values: Array) -> tuple[float, float]:
     """Ends of a scale of colours: from 0, or from the smallest value where all are alike."""
     low, high = float(values.min()), float(values.max())
+    if high <= 0.0:  # nothing anywhere: a scale all the same
+        return (0.0, 1.0)
     if low > _ALIKE * high:
         return (low, high)
     return (0.0, high)
@@ -510,6 +512,27 @@ def _places(dataset: xr.Dataset) -> tuple[Array, str]:
     places = np.stack([dataset["surface_x"].values, dataset["surface_y"].values])
     length, metre = prefix_for(float(np.abs(places).max()), unit_of(dataset["surface_x"], "m"), figure=True)
     return places / length, metre
+
+
+def _direction(coordinate: xr.DataArray) -> str:
+    """Name of the axis of a coordinate in the plane: that of a global axis, or its direction."""
+    if "direction" not in coordinate.attrs:
+        return {"surface_x": "along the interface", "surface_y": "across"}[str(coordinate.name)]
+    direction = np.asarray(coordinate.attrs["direction"], dtype=float)
+    axis = int(np.abs(direction).argmax())
+    if direction[axis] > 1.0 - 1e-6:
+        return "xyz"[axis]
+    return f"along ({', '.join(f'{part:.2g}' for part in np.round(direction, 3) + 0.0)})"
+
+
+def _level(dataset: xr.Dataset) -> str:
+    """Where a plane across a global axis lies, empty for others."""
+    points = np.stack([dataset[axis].values for axis in "xyz"])
+    flat = int(np.ptp(points, axis=1).argmin())
+    if np.ptp(points[flat]) > 1e-6 * np.ptp(points):
+        return ""
+    unit = unit_of(dataset["xyz"[flat]], "m")
+    return f" at {'xyz'[flat]} = {readable(float(points[flat].mean()), unit, 4, figure=True)}"
 
 
 def _draw_field(figure: Figure, axis: Axes, dataset: xr.Dataset, drawn: _Map, ends: tuple[float, float]) -> None:
@@ -527,7 +550,10 @@ def _draw_field(figure: Figure, axis: Axes, dataset: xr.Dataset, drawn: _Map, en
     triangles = Triangulation(x, y, corners)
     image = axis.tripcolor(triangles, values / scale, shading="gouraud", cmap=colours, vmin=low, vmax=top)
     figure.colorbar(image, ax=axis, label=f"{name} ({unit})", shrink=0.75)
-    axis.set(aspect="equal", title=name, xlabel=f"along the interface ({metre})", ylabel=f"across ({metre})")
+    along, across = (_direction(dataset[which]) for which in ("surface_x", "surface_y"))
+    axis.set(aspect="equal", title=name, xlabel=f"{along} ({metre})", ylabel=f"{across} ({metre})")
+    # of panels that share their axes the outer ones have labels
+    axis.label_outer()
 
 
 def _draw_states(figure: Figure, axis: Axes, dataset: xr.Dataset, states: Array) -> None:

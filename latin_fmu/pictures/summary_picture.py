@@ -17,7 +17,7 @@ from ..results.groups import datasets_of, unit_of
 from ..results.interface_fields import InterfaceFields, friction_resultant, normal_resultant, status_shares
 from ..results.owner_records import InterfaceRecord
 from ..results.sensors import loss_text, share_lost
-from ..results.spectra import ShockSpectrum, axes_in_order, shock_axis, stored_spectra
+from ..results.spectra import FAINT, ShockSpectrum, axes_in_order, shock_axis, stored_spectra
 from ..scene.quantity_table import PEAK_FORCE
 from ..scene.readable_numbers import percent, prefix_for, readable
 from ..scene.units import SI, UnitSystem
@@ -83,8 +83,10 @@ def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxi
         low, high = (float(pick([pick(curve) for curve in changes.values()])) for pick in (np.min, np.max))
         # at least 1 %: less is no change that a bolt shows; above the curves room for the legend
         margin = max(0.05 * (high - low), 0.5 - 0.5 * (high - low))
-        room = 0.12 * min(len(curves), FEW + 1) * (high - low + 2.0 * margin)
-        axis.set_ylim(low - margin, high + margin + room * (len(curves) <= FEW))
+        legend = 0.0  # share of the panel
+        if len(curves) <= FEW:
+            legend = 0.06 + 0.11 * len(curves)
+        axis.set_ylim(low - margin, high + margin + legend / (1.0 - legend) * (high - low + 2.0 * margin))
         return
     history_panel(axis, time, curves, scale, unit=unit, what="tension")
     low, high = (float(pick([pick(curve) for curve in curves.values()])) for pick in (np.min, np.max))
@@ -375,8 +377,12 @@ def spectrum_panel(
     top, low = 0.0, np.inf
     # one unit for all, without prefix: the axis is logarithmic
     size, label_of_unit = prefix_for(0.0, unit, figure=True)
+    largest = max(float(spectrum.acceleration[0][:, along].max()) for spectrum, _ in spectra.values())
     for (name, (spectrum, error)), look in zip(spectra.items(), curve_styles(len(spectra)), strict=True):
         values = spectrum.acceleration[0][:, along] / size
+        # a base that moves along another axis has nothing but round-off here
+        if values.max() * size < FAINT * largest:
+            continue
         if error is not None:
             _error_band(axis, spectrum.frequency, values, error[0, :, along], color=look["color"], alpha=0.18)
         axis.plot(spectrum.frequency, values, label=f"{name}, Q = {spectrum.quality:g}", linewidth=1.3, **look)

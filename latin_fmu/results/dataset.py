@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _PEAK: Final = 100_000  # instants of which the largest mean of a force is taken, at most
+_ACROSS: Final = 1.0 - 1e-8  # cosine of a normal with the axis that it is along, 0.01 degrees
 _WINDOWS: Final = 16_384  # of a block of windows
 
 
@@ -237,11 +238,15 @@ def interface_group(
     meshed = history.cells is not None and len(history.cells) > 0
     if meshed:
         stored += columns(SURFACE, history)
-        along += named(PLANE, dict(zip(PLANE, _in_plane(history).T, strict=True)))
+        directions = _plane_axes(history)
+        # from the origin of the global axes
+        along += named(PLANE, dict(zip(PLANE, directions @ history.points.T, strict=True)))
     group = StoredGroup.of(stored, along, attrs)
     group.variables[PEAK_FORCE.key].attrs["peak_duration"] = record.duration
     if meshed:
         _describe_surface(group)
+        for name, direction in zip(PLANE, directions, strict=True):
+            group.variables[name].attrs["direction"] = direction
     return group
 
 
@@ -254,17 +259,22 @@ def _ways(history: InterfaceHistory, time: Array) -> dict[str, Array]:
     return ways
 
 
-def _in_plane(history: InterfaceHistory) -> Array:
-    """Coordinates (n_point, 2) of the points in their mean plane, m, from their centre; along the global axes where the
-    plane is across one, else along the projection of the global axis nearest to the plane and the direction across."""
+def _plane_axes(history: InterfaceHistory) -> Array:
+    """Directions (2, 3) of the coordinates in the mean plane of the points: the two global axes in it where it is
+    across the third, else the projection of the global axis nearest to the plane and the direction across."""
     weights = history.areas / history.areas.sum()
     arms = history.points - weights @ history.points
     across = np.linalg.eigh((weights[:, None] * arms).T @ arms)[1][:, 0]
-    across = across * np.sign(across[np.abs(across).argmax()])  # an eigenvector has no sign of its own
+    normal = int(np.abs(across).argmax())
+    if np.abs(across[normal]) > _ACROSS:
+        return np.delete(np.eye(3), normal, axis=0)
+    across = across * np.sign(across[normal])  # an eigenvector has no sign of its own
     first = np.eye(3)[int(np.argmin(np.abs(np.round(across, 9))))]  # round-off would choose between axes in the plane
     first = first - (first @ across) * across
     first /= np.linalg.norm(first)
-    return np.asarray(arms @ np.stack([first, np.cross(across, first)], axis=1))
+    second = np.cross(across, first)
+    # upwards along the axis that it has most of
+    return np.stack([first, second * np.sign(second[np.abs(second).argmax()])])
 
 
 def _describe_surface(group: StoredGroup) -> None:

@@ -206,8 +206,10 @@ SURFACE: Final = rows(
 """Of an ``InterfaceHistory`` whose points have cells."""
 PLANE: Final = rows(
     """
-    surface_x | m | point | first coordinate of the point in the mean plane of the interface
-    surface_y | m | point | second coordinate of the point in the mean plane of the interface
+    surface_x | m | point | first coordinate of the point in the mean plane of the interface | along its direction, \
+        from the origin of the global axes
+    surface_y | m | point | second coordinate of the point in the mean plane of the interface | along its direction, \
+        from the origin of the global axes
     """
 )
 

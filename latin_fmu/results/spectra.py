@@ -62,7 +62,8 @@ SAMPLES: Final = 32
 """Samples per period of an oscillator: a maximum between two of them is at most 0.5 % larger."""
 _SERIES, _TERMS = 1.0, 40  # omega t up to which the ramp response is a power series, and its terms
 _STEP: Final = 1e-6  # of the largest acceleration, in the derivatives of spectra
-_SEEN: Final = 1e-3  # of the largest spectrum: axes with less are those of round-off
+FAINT: Final = 1e-3
+"""Share of the largest spectrum below which others are not drawn: mostly round-off."""
 _COVERING = 0.85  # of an extrapolated difference of spectra
 
 
@@ -445,7 +446,7 @@ def axes_in_order(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], fir
     largest = np.max([spectrum.acceleration[0].max(axis=0) for spectrum, _ in spectra.values()], axis=0)
     if first is None:
         first = int(largest.argmax())
-    return [first, *(axis for axis in range(3) if axis != first and largest[axis] > _SEEN * largest.max())]
+    return [first, *(axis for axis in range(3) if axis != first and largest[axis] > FAINT * largest.max())]
 
 
 def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> Array:

@@ -15,6 +15,7 @@ from latin_fmu.cli import main
 from latin_fmu.errors import ResultsError
 from latin_fmu.fem.mesh import Array, box_mesh
 from latin_fmu.pictures.assembly_picture import _assembly, assembly_figure
+from latin_fmu.pictures.body_fields import Look
 from latin_fmu.pictures.frame import Skin, View, draw, edges_of, shifts_apart, skin_of
 from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure, stored_instants
 from latin_fmu.reader import scene_from_dict
@@ -178,10 +179,10 @@ def results() -> Any:
 
 
 def test_bodies_of_results(results: Any) -> None:
-    labels = texts(result_figure(results, "bc"))
+    labels = texts(result_figure(results, look=Look("bc")))
     assert "bc: pressure on b" in labels
     assert "times as large" in labels
-    assert "drawn 7 times" in texts(result_figure(results, magnify=7.0, time=1e-6))
+    assert "drawn 7 times" in texts(result_figure(results, 1e-6, Look(magnify=7.0)))
 
 
 def test_without_interfaces_the_last_instant_is_drawn(results: Any) -> None:
@@ -194,7 +195,7 @@ def test_without_interfaces_the_last_instant_is_drawn(results: Any) -> None:
 
 def test_results_that_cannot_be_drawn(results: Any) -> None:
     with pytest.raises(ResultsError, match="allowed: ab, bc"):
-        result_figure(results, "cd")
+        result_figure(results, look=Look("cd"))
     bare = results.copy()
     del bare["substructures"]
     with pytest.raises(ResultsError, match=r"output\.fields=true"):
