@@ -10,13 +10,12 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ..errors import Problem, ResultsError
-from ..fem.elasticity import von_mises
-from ..fem.elements import principal
-from ..fem.mesh import Array, Mask
+from ..fem.mesh import Array
 from ..results.groups import datasets_of
-from ..results.stresses import largest_principal
+from ..results.stresses import largest_of, stress_of
 
 NOTHING: Final = "nothing to draw"
 STRESSES: Final = MappingProxyType({"von_mises": "von Mises stress", "principal": "largest principal stress"})
@@ -83,7 +82,7 @@ def base_motion(bodies: Mapping[str, xr.Dataset], instants: Array) -> Array:
     return mean
 
 
-def away(dataset: xr.Dataset) -> Mask:
+def away(dataset: xr.Dataset) -> NDArray[np.bool_]:
     """Nodes (n_node,) of a body that are in no cell at the edge of a contact."""
     if "contact_edge" not in dataset:
         return np.ones(dataset.sizes["node"], dtype=bool)
@@ -94,10 +93,7 @@ def nodal_stress(dataset: xr.Dataset, stress: str, time: float) -> Array:
     """One of ``STRESSES`` (n_node,) of a body at an instant, Pa; NaN where the file has none."""
     if "nodal_stress" not in dataset:
         return np.full(dataset.sizes["node"], np.nan)
-    six = at_instants(dataset, "nodal_stress", np.array([time]))[0]
-    if stress == "von_mises":
-        return von_mises(six)
-    return np.asarray(principal(six)[:, 0])
+    return stress_of(at_instants(dataset, "nodal_stress", np.array([time]))[0], stress)
 
 
 def largest_stresses(bodies: Mapping[str, xr.Dataset], stress: str, instants: Array) -> tuple[Array, Array]:
@@ -110,13 +106,8 @@ def largest_stresses(bodies: Mapping[str, xr.Dataset], stress: str, instants: Ar
         far = away(dataset)
         for i, six in enumerate(at_instants(dataset, "nodal_stress", instants)):
             for row, fields in enumerate((six[far], six)):
-                if not len(fields):
-                    continue
-                size = von_mises(fields)
-                value = float(size.max())
-                if stress != "von_mises":
-                    value = largest_principal(fields, size)[1]
-                found[row, i] = max(found[row, i], value)
+                if len(fields):
+                    found[row, i] = max(found[row, i], largest_of(fields, stress)[1])
     if not found[0].any():
         found[0] = found[1]
     return found[0], found[1]

@@ -32,6 +32,7 @@ FEW = 4
 
 _FRICTION: Final = "friction force"
 _SEEN: Final = 0.005  # of the largest term of the energy
+_FEW_BOLTS: Final = 2  # their labels are long
 _SMALL: Final = 0.15  # of the clamp force: changes up to it are drawn as such
 _PRELOADED: Final = 0.1  # of the largest elastic energy, there from the start
 STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
@@ -66,7 +67,7 @@ def history_panel(
     scale.set(axis, time[0], time[-1])
     # many interfaces have one legend for all their panels, and friction has that of the panel above
     if what not in ("force", _FRICTION) or (what == "force" and len(curves) <= FEW):
-        _own_legend(axis)
+        _own_legend(axis, _FEW_BOLTS if "tension" in what else FEW)
 
 
 def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxis, unit: str) -> None:
@@ -84,7 +85,7 @@ def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxi
         # at least 1 %: less is no change that a bolt shows; above the curves room for the legend
         margin = max(0.05 * (high - low), 0.5 - 0.5 * (high - low))
         legend = 0.0  # share of the panel
-        if len(curves) <= FEW:
+        if len(curves) <= _FEW_BOLTS:
             legend = 0.06 + 0.11 * len(curves)
         axis.set_ylim(low - margin, high + margin + legend / (1.0 - legend) * (high - low + 2.0 * margin))
         return
@@ -187,10 +188,10 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     _own_legend(axis)
 
 
-def _own_legend(axis: Axes) -> None:
+def _own_legend(axis: Axes, few: int = FEW) -> None:
     """Legend of a panel: in it for few curves, below it for more, so that all panels of a column are of one width."""
     n = len(axis.get_legend_handles_labels()[1])
-    if 0 < n <= FEW:
+    if 0 < n <= few:
         axis.legend(fontsize="small")
     elif n:
         from matplotlib.transforms import ScaledTranslation

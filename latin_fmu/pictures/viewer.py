@@ -124,11 +124,7 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
                 "edges": block.add(surface.edges, "<u4"),
                 # 16 bits of the largest displacement: steps of 3e-5 of it
                 "moved": block.add(np.rint(moved[name] / max(largest, 1e-300) * _SHORTS), "<i2"),
-                "stresses": {
-                    kind: block.add(_shares(bodies[name], surface.nodes, kind, instants, scale["largest"]), "<u2")
-                    for kind, scale in stresses.items()
-                    if "nodal_stress" in bodies[name]
-                },
+                "stresses": _fields(bodies[name], surface.nodes, stresses, instants, block),
             }
             for i, (name, surface) in enumerate(surfaces.items())
         ],
@@ -142,6 +138,11 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
         ],
         "curves": [_panel(title, unit, curves, divisor, block) for title, unit, curves in _curves(tree) if curves],
     }
+    return _filled(head, block)
+
+
+def _filled(head: Mapping[str, Any], block: _Block) -> str:
+    """The page with its header and its numbers."""
     template = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
     # a name of the scene may hold what ends a script
     content = json.dumps(head, separators=(",", ":")).replace("<", "\\u003c")
@@ -164,10 +165,15 @@ def _stresses(bodies: Mapping[str, xr.Dataset], instants: Array, units: UnitSyst
     return scales
 
 
-def _shares(dataset: xr.Dataset, nodes: Index, kind: str, instants: Array, largest: float) -> Array:
-    """A stress (n_time, n_node) at some nodes over the largest of its scale, as integers of 16 bits."""
-    values = np.stack([nodal_stress(dataset, kind, time)[nodes] for time in instants])
-    return np.asarray(np.rint(65535 * np.clip(values / largest, 0.0, 1.0)))
+def _fields(
+    dataset: xr.Dataset, nodes: Index, stresses: Mapping[str, dict[str, Any]], instants: Array, block: _Block
+) -> dict[str, list[int]]:
+    """Stresses (n_time, n_node) at some nodes over the largest of their scales, as integers of 16 bits."""
+    places = {}
+    for kind, scale in stresses.items() if "nodal_stress" in dataset else ():
+        values = np.stack([nodal_stress(dataset, kind, time)[nodes] for time in instants])
+        places[kind] = block.add(np.rint(65535 * np.clip(values / scale["largest"], 0.0, 1.0)), "<u2")
+    return places
 
 
 def _frames(

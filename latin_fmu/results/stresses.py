@@ -82,16 +82,10 @@ def _of_body(history: SubstructureHistory, request: Recovered) -> BodyStresses:
         away = ~history.marks.contact_edge
     for instants, stress in _blocks(history, request):
         for row, chosen in enumerate((np.arange(len(away)), np.flatnonzero(away))):
-            if not len(chosen):
-                continue
-            picked = stress[:, chosen]
-            size = von_mises(picked)
-            at = size.argmax(axis=1)
-            tables["von_mises"][row, instants] = size[np.arange(len(at)), at]
-            nodes["von_mises"][row, instants] = chosen[at]
-            for i, (six, mises) in enumerate(zip(picked, size, strict=True), instants.start):
-                node, value = largest_principal(six, mises)
-                tables["principal"][row, i], nodes["principal"][row, i] = value, chosen[node]
+            for i, six in enumerate(stress[:, chosen], instants.start):
+                for kind in KINDS if len(chosen) else ():
+                    node, tables[kind][row, i] = largest_of(six, kind)
+                    nodes[kind][row, i] = chosen[node]
 
     def over(kind: str, instants: slice) -> LargestStressesAt:
         peaks: list[PeakStress | None] = []
@@ -115,6 +109,22 @@ def _blocks(history: SubstructureHistory, request: Recovered) -> Iterator[tuple[
     for first in range(0, len(history.time), size):
         instants = slice(first, min(first + size, len(history.time)))
         yield instants, request.stress_at_nodes(displacement[instants], history.time[instants])
+
+
+def stress_of(six: Array, kind: str) -> Array:
+    """One of ``KINDS`` (n,), Pa, of stresses (n, 6)."""
+    if kind == "von_mises":
+        return von_mises(six)
+    return np.asarray(principal(six)[:, 0])
+
+
+def largest_of(six: Array, kind: str) -> tuple[int, float]:
+    """Number and value of the largest of stresses (n, 6) by one of ``KINDS``, Pa."""
+    size = von_mises(six)
+    if kind == "von_mises":
+        number = int(size.argmax())
+        return number, float(size[number])
+    return largest_principal(six, size)
 
 
 def largest_principal(stress: Array, mises: Array) -> tuple[int, float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -16,9 +17,10 @@ import latin_fmu
 from latin_fmu import ResultsError
 from latin_fmu.latin.outcome import BoltHistory, SensorHistory
 from latin_fmu.pictures.style import save_figure
-from latin_fmu.pictures.summary_picture import summary_figure
+from latin_fmu.pictures.summary_picture import spectra_figure, summary_figure
 from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
 from latin_fmu.results.solution import Solution
+from latin_fmu.results.spectra import axes_in_order, shock_axis, stored_spectra
 
 from .test_sensor_filters import TOP
 from .test_sensors import pressed
@@ -177,3 +179,28 @@ def test_files(bars: Solution, suffix: str, tmp_path: Path) -> None:
 def test_other_formats_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match=r"allowed: .png"):
         save_figure(Figure(), tmp_path / name)
+
+
+def test_spectra_and_motions_are_along_the_axis_of_the_shock() -> None:
+    """A base driven along y: both sensors along it, though the top moves more across; then the other axes."""
+    spectrum = {"lowest": 5e5, "highest": 2e6}
+    base = {"face": "lower.zmin", "spectrum": spectrum}
+    drive = {"type": "acceleration", "face": "lower.zmin", "components": ["x", "y", "z"], "value": [0.0, 1e4, 10.0]}
+    scene = pressed(sensor={"top": TOP | {"spectrum": spectrum}, "foot": base}, boundary={"base": drive})
+    tree = latin_fmu.solve(scene).to_datatree()
+    assert shock_axis(tree) == 1
+    spectra = stored_spectra(tree)
+    assert axes_in_order(spectra)[0] == 2
+    order = axes_in_order(spectra, 1)
+    assert order[:2] == [1, 2]
+    axes = {a.get_title(): a for part in summary_figure(tree).subfigs for a in part.axes}
+    titles = [title for title in axes if "spectra" in title]
+    assert titles == [f"Shock response spectra along {'xyz'[along]}, maximax" for along in order]
+    labels = {str(line.get_label()) for line in axes["Acceleration of the sensors"].lines}
+    assert {"top, along y, unfiltered", "foot, along y, unfiltered"} <= labels
+    assert {str(line.get_label()) for line in axes[titles[0]].lines} == {"top, Q = 10", "foot, Q = 10"}
+    figure = spectra_figure(spectra, shock=shock_axis(tree))
+    assert [a.get_title() for a in figure.axes[::2]] == ["top, along y, Q = 10", "foot, along y, Q = 10"]
+    alone = spectra_figure({"top": spectra["top"]}, shock=1)
+    assert len(alone.axes) == 2 * len(axes_in_order({"top": spectra["top"]}, 1))
+    assert shock_axis(xr.DataTree()) is None
