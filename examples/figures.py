@@ -65,6 +65,13 @@ DRAWINGS = {
         "A bolted lap joint: five parts, tightened and pulled; the pressure between the plates is a cone under the "
         "washer.",
     ),
+    "lap_joint_stress": Drawing(
+        "latin-fmu run models/lap_joint/shock.toml -o shock.nc --no-estimate --set output.nodal_stress=true "
+        "&& latin-fmu plot shock.nc --bodies --stress -o lap_joint_stress.png",
+        (*RUN, "pictures"),
+        "The same joint under a shock, coloured by von Mises stress; colours end at the largest one away from edges of "
+        "contacts.",
+    ),
     "hammer_on_plate": Drawing(
         "latin-fmu plot models/hammer_on_plate/scene.toml -o hammer_on_plate.png",
         ("pictures",),

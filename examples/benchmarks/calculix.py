@@ -1,8 +1,8 @@
 """CalculiX (ccx): the input deck of a scene, a run, and what it prints.
 
-Same mesh, materials, conditions, loads, steps: 8-node hexahedra with full integration (C3D8) or 4-node tetrahedra
-(C3D4); dynamics by the Hilber-Hughes-Taylor scheme of the scene, or statics; interfaces as face-to-face penalty contact
-with Coulomb friction, or bonded by merging their nodes. SI units.
+Same mesh, materials, conditions, loads, steps: 8-node hexahedra with full integration (C3D8), 4-node or 10-node
+tetrahedra (C3D4, C3D10); dynamics by the Hilber-Hughes-Taylor scheme of the scene, or statics; interfaces as
+face-to-face penalty contact with Coulomb friction, or bonded by merging their nodes. SI units.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ Array = NDArray[np.float64]
 
 
 # -- cards ------------------------------------------------------------------------------------------------------------
-# Elements of CalculiX by type of cell, and the local nodes of their faces in the order of the numbers it gives them.
-ELEMENTS = {"hexahedron": "C3D8", "tetra": "C3D4"}
+# Elements of CalculiX by type of cell, and the local corners of their faces in the order of the numbers it gives them.
+ELEMENTS = {"hexahedron": "C3D8", "tetra": "C3D4", "tetra10": "C3D10"}
 FACES = {
     "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
     "tetra": ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
 }
+FACES["tetra10"] = FACES["tetra"]
 
 
 def surface(face: str) -> str:
@@ -45,7 +46,7 @@ def surface(face: str) -> str:
 
 def facets(mesh: Mesh, side: str) -> Iterator[tuple[int, int]]:
     """Elements (from 0) and the numbers of their faces that make up a face of the mesh."""
-    wanted = {frozenset(f) for b in mesh.faces[side].blocks for f in b.facets.tolist()}
+    wanted = {frozenset(f) for b in mesh.faces[side].blocks for f in b.corners.tolist()}
     for element, cell in enumerate(mesh.blocks[0].cells.tolist()):
         for number, local in enumerate(FACES[mesh.blocks[0].cell_type], 1):
             if frozenset(cell[k] for k in local) in wanted:
@@ -127,7 +128,8 @@ class Choices:
     stiffness : penalty of the contact pressure, in units of E/h of the softer side, h the element size. stick : slope
         of the friction before slip, in units of the penalty. alpha : of the HHT scheme; that of the scene where None.
     fixed : steps of the scene only; else CalculiX may cut them. displacements : print them for all nodes,
-        ``last``: at the last instant only.
+        ``last``: at the last instant only. stresses : at
+        the nodes, means of the elements around, at the last instant.
     """
 
     bonded: bool = False
@@ -137,6 +139,7 @@ class Choices:
     fixed: bool = False
     displacements: bool = False
     last: bool = False
+    stresses: bool = False
 
 
 class Deck:
@@ -272,6 +275,8 @@ class Deck:
         if self.choices.displacements:
             yield f"*NODE PRINT, NSET=NALL, FREQUENCY={1_000_000 if self.choices.last else 1}"
             yield "U"
+        if self.choices.stresses:
+            yield from ("*EL FILE, FREQUENCY=1000000", "S")
         if not self.choices.bonded:
             for interface in self.ready.scene.interface.values():
                 yield f"*CONTACT PRINT, SLAVE={surface(interface.sides[1])}, MASTER={surface(interface.sides[0])}"
@@ -330,6 +335,7 @@ class Finished:
     iterations: int
     complete: bool
     printed: Printed
+    stress: Array | None = None
 
 
 def installed() -> bool:
@@ -351,8 +357,10 @@ def run(deck: str, end: float, limit: float = 600.0) -> Finished:
         data = place / "deck.dat"
         printed = read(data.read_text()) if data.exists() else Printed(np.zeros(0), None, {})
         counts = _steps(place / "deck.sta")
+        fields = place / "deck.frd"
+        stress = stress_of(fields.read_text()) if fields.exists() else None
     complete = bool(len(printed.time)) and printed.time[-1] >= end * (1.0 - 1e-6)
-    return Finished(seconds, len(counts), sum(counts), complete, printed)
+    return Finished(seconds, len(counts), sum(counts), complete, printed, stress)
 
 
 def _steps(path: Path) -> list[int]:
@@ -387,6 +395,20 @@ def read(text: str) -> Printed:
         np.stack([moved[t] for t in times]) if moved else None,
         {pair: np.stack([found[t] for t in times]) for pair, found in forces.items()},
     )
+
+
+def stress_of(text: str) -> Array | None:
+    """Stresses (n_node, 6) at the nodes by number from 1, xx yy zz yz xz xy, of the last instant in a .frd file; None
+    where it has none. A row has a key of 3 characters, a number of 10, and six values of 12."""
+    blocks = text.split(" -4  STRESS")[1:]
+    if not blocks:
+        return None
+    rows = [line for line in blocks[-1].split("\n -3")[0].splitlines() if line.startswith(" -1")]
+    numbers = np.array([int(line[3:13]) for line in rows])
+    values = np.array([[float(line[k : k + 12]) for k in range(13, 85, 12)] for line in rows])
+    stress = np.full((numbers.max(), 6), np.nan)
+    stress[numbers - 1] = values[:, [0, 1, 2, 4, 5, 3]]  # there xx yy zz xy yz zx
+    return stress
 
 
 def _numbers(line: str) -> list[float]:

@@ -50,6 +50,7 @@ from .models import (
     store_of,
     unforeseen_landings,
 )
+from .node_marks import node_marks
 from .press_fits import fit_pressures, fits
 from .prestress import Prestress
 from .propagator_choice import divided, made_propagators
@@ -221,6 +222,7 @@ class DiscretisedProblem:
     def info_of(self, shortening: Mapping[str, float]) -> dict[str, SubstructureInfo]:
         """Meshes for the recorder; ``shortening`` of the bolts, m."""
         stress, made = self.scene.output.stress, {}
+        marks = node_marks(self.scene, self.bodies, self.units) if self.scene.output.keeps_fields else {}
         for n, b in self.bodies.items():
             limit = None if b.rigid else b.shape.material.yield_stress
             wanted = stress or limit is not None
@@ -229,7 +231,7 @@ class DiscretisedProblem:
             plain = b.shape.stress if wanted and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
             unstrained = self.unstrained(b, wanted)
-            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, unstrained, limit)
+            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, unstrained, limit, marks.get(n))
         return made
 
     def unstrained(self, body: Body, yielding: bool = False) -> Callable[[Array], Array] | None:

@@ -357,7 +357,7 @@ def srs(options: SrsOptions) -> int:
     from ..results.files import open_results, readable, write_netcdf
     from ..results.groups import in_units, units_of
     from ..results.sensors import spectrum_lines
-    from ..results.spectra import as_csv, spectrum_group
+    from ..results.spectra import as_csv, shock_axis, spectrum_group
     from ..results.writing import write_bytes
 
     stem = options.output or options.results.with_name(f"{options.results.stem}_srs")
@@ -367,7 +367,7 @@ def srs(options: SrsOptions) -> int:
     targets = targets_of(stem, "csv", "nc", "png")
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, options, waiting))
-        units = units_of(tree.attrs)
+        units, shock = units_of(tree.attrs), shock_axis(tree)
         in_g = acceleration_unit(units, options.g)
         if options.g:
             units = units.with_g
@@ -377,7 +377,7 @@ def srs(options: SrsOptions) -> int:
     tell(options.json, lines, lambda: {name: group.report() for name, group in groups.items()})
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
     write_netcdf(dataset, targets[1])
-    save_figure(spectra_figure(spectra, options.along, units), targets[2])
+    save_figure(spectra_figure(spectra, options.along, units, shock), targets[2])
     tell_written(options.json, f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
 

@@ -10,7 +10,7 @@ import time
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
 from . import CONVERGED, LIMITED, REMARKED, Json, OfScene, Strict, Waiting, output_file, say, seconds, tell
@@ -55,6 +55,14 @@ class PlotOptions:
     ] = None
     time: Annotated[float | None, Option("with --bodies or --map: the instant (default: largest force)", "S")] = None
     magnify: Annotated[float | None, Option("with --bodies: factor on the displacements", "X")] = None
+    stress: Annotated[
+        Literal["von_mises", "principal"] | None,
+        Option(
+            "with --bodies: colour them by a stress at the nodes, von_mises where none is named (needs "
+            "output.nodal_stress = true)",
+            const="von_mises",
+        ),
+    ] = None
     first: Annotated[float | None, Option("of a film: its first instant", "S", "--from")] = None
     last: Annotated[float | None, Option("of a film: its last instant", "S", "--to")] = None
     frames: Annotated[int | None, Option("of a film: number of pictures (default: 40)", "N")] = None
@@ -199,13 +207,15 @@ def plot(options: PlotOptions) -> int:
 
 
 def _film(options: PlotOptions, target: Path, waiting: Waiting) -> None:
+    from ..pictures.body_fields import Look
     from ..pictures.result_picture import Window, save_film
     from ..results.files import open_results, readable
 
     window = Window(options.first, options.last, options.frames or Window.frames)
     waiting.reached(0.0, "film")
     with closing(open_results(options.file)) as tree, readable(options.file):
-        save_film(tree, target, window, options.interface, options.magnify, options.map, waiting.reached)
+        look = Look(options.interface, options.magnify, options.stress)
+        save_film(tree, target, window, look, options.map, waiting.reached)
 
 
 _VIEW_EXAMPLES = """\
@@ -272,12 +282,13 @@ def _scene_figure(options: PlotOptions) -> Figure:
 
 
 def _results_figure(options: PlotOptions) -> Figure:
+    from ..pictures.body_fields import Look
     from ..pictures.result_picture import map_figure, result_figure
     from ..pictures.sensitivity_picture import bands_figure, tornado_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
     from ..results.files import open_results, readable
     from ..results.groups import units_of
-    from ..results.spectra import stored_spectra
+    from ..results.spectra import shock_axis, stored_spectra
 
     with closing(open_results(options.file)) as tree, readable(options.file):
         if "kind" in tree.attrs and "spread" not in tree.children:  # a parametric study
@@ -291,9 +302,9 @@ def _results_figure(options: PlotOptions) -> Figure:
         if options.bands or "kind" in tree.attrs:
             return bands_figure(tree)
         if options.bodies:
-            return result_figure(tree, options.interface, options.time, options.magnify)
+            return result_figure(tree, options.time, Look(options.interface, options.magnify, options.stress))
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
-            return spectra_figure(spectra, units=units_of(tree.attrs))
+            return spectra_figure(spectra, units=units_of(tree.attrs), shock=shock_axis(tree))
         return summary_figure(tree, options.details)
 
 
@@ -313,7 +324,12 @@ def _check_options(options: PlotOptions, film: bool) -> None:
     ]
     if options.overrides and not scene:
         problems.append(Problem("--set", "the settings of results cannot be changed", allowed="a scene (.toml)"))
-    of_bodies = {"interface": bodies or options.map, "time": options.bodies or options.map, "magnify": bodies}
+    of_bodies = {
+        "interface": bodies or options.map,
+        "time": options.bodies or options.map,
+        "magnify": bodies,
+        "stress": bodies,
+    }
     problems += [
         Problem(f"--{key}", "this option is for the figure of bodies or of a map", remedy="add --bodies or --map")
         for key, fits in of_bodies.items()

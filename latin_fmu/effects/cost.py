@@ -634,7 +634,7 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     numbers = per_instant + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
     numbers += output.surfaces * (4 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
-    per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
+    per_node = 6 * output.keeps_fields + 7 * output.nodal_stress
     per_node += 3 * (output.principal_stress and output.nodal_stress)
     if output.keeps_fields or output.stress:
         stored = run.n_instant // run.every + 1

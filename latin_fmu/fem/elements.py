@@ -15,7 +15,7 @@ which makes uniform strain exact on distorted elements (patch test). The mass is
 
 Stresses from nodal displacements, means over the elements and values at the nodes (``elasticity``). At the nodes, each
 element carries the values at the points of a low rule, where they are most accurate (Barlow 1976), to its nodes by its
-linear functions; elements that share a node are averaged by volume.
+linear functions; of elements that share a node the mean is taken, each counting alike.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -414,7 +414,8 @@ class Recovery:
         return np.concatenate(parts, axis=1)
 
     def nodal_stress(self, displacement: Array) -> Array:
-        """Stress at the nodes (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m."""
+        """Stress at the nodes (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m: mean of the elements
+        around, each extended from its integration points."""
         n_time, n_node, _ = displacement.shape
         total = np.zeros((n_node, n_time * 6))
         weight = np.zeros(n_node)
@@ -429,8 +430,8 @@ class Recovery:
                 stress *= self._elements.moduli[None, done : done + len(block.cells), None, None]
                 done += len(block.cells)
             at_nodes = np.einsum("ap,tcpk->catk", to_nodes, stress, optimize=True)
-            volumes = np.repeat(points.volumes.sum(axis=1), block.cells.shape[1])
-            where = (volumes, (block.cells.ravel(), np.arange(block.cells.size)))
+            # every element counts alike, as in other programs: means by volume differ much from theirs where sizes do
+            where: Any = (np.ones(block.cells.size), (block.cells.ravel(), np.arange(block.cells.size)))
             share = sp.csr_array(sp.coo_array(where, shape=(n_node, block.cells.size)))
             total += share @ at_nodes.reshape(block.cells.size, -1)
             weight += share @ np.ones(block.cells.size)

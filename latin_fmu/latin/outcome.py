@@ -193,6 +193,20 @@ class InterfaceHistory:
 
 
 @dataclass(frozen=True)
+class NodeMarks:
+    """What is at the nodes of a substructure, (n_node,) each.
+
+    Attributes
+    ----------
+    support : a boundary fixes or drives it along all axes. contact_edge : it belongs to a cell at the edge of a contact
+        or of a support, where the stress has no limit under refinement.
+    """
+
+    support: NDArray[np.bool_]
+    contact_edge: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class SubstructureHistory:
     """Linear-stage fields of one substructure. Fields that are not requested are None.
 
@@ -206,6 +220,7 @@ class SubstructureHistory:
     energy : per instant of the whole run (n_time,), J, keys ``kinetic``, ``elastic``, ``work_of_loads``,
         ``interface_work`` (work of the interface tractions on this substructure), ``damping_dissipation``,
         ``landing_dissipation``, ``scheme_dissipation``; work and dissipation accumulate from the start.
+    marks : of the nodes, where fields are kept.
     """
 
     name: str
@@ -217,6 +232,7 @@ class SubstructureHistory:
     velocity: Array | None
     stress: Array | None
     energy: dict[str, Array] | None
+    marks: NodeMarks | None = None
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,15 @@ from ..propagator.base import full_displacement, full_velocity
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
 from .interface_rows import InterfaceRows, InterfaceStream, joined_rows
-from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
+from .outcome import (
+    BoltHistory,
+    InterfaceHistory,
+    NodeMarks,
+    PointFields,
+    ReactionHistory,
+    SensorHistory,
+    SubstructureHistory,
+)
 from .part import Part
 from .probes import SERIES, OutputRequest, Probes, nodes_of, reaction_histories, sensor_histories
 
@@ -31,7 +39,7 @@ _SMALL: Final = 20_000  # dofs of all nodes up to which the kernels keep the fie
 class SubstructureInfo:
     """Mesh of a substructure for the results, its stress recovery (displacements (n_node, 3) -> (n_cell, 6), None where
     no stress is requested), the part of the stress that displacements do not make (instants (n_time,) -> (n_time,
-    n_cell or 1, 6)), and its yield stress, Pa, None where none is given."""
+    n_cell or 1, 6)), its yield stress, Pa, None where none is given, and marks of its nodes where fields are kept."""
 
     nodes: Array
     cells: np.ndarray
@@ -39,6 +47,7 @@ class SubstructureInfo:
     stress: Callable[[Array], Array] | None
     unstrained: Callable[[Array], Array] | None = None
     yield_stress: float | None = None
+    marks: NodeMarks | None = None
 
 
 class StoredFields:
@@ -100,7 +109,7 @@ class StoredFields:
         if stress is not None and info.unstrained is not None:
             stress = stress + info.unstrained(times)
         motion = fields.get("displacement"), fields.get("velocity"), stress
-        return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, times, *motion, energy)
+        return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, times, *motion, energy, info.marks)
 
 
 def _read(whole: Probes | None, now: slice, row: int, every: int) -> tuple[range, slice]:

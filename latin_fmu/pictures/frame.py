@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 _PIECE: Final = 0.02  # facets and edges are cut into pieces of this share of the picture
 _MOST_CUTS: Final = 16
 _LIFT: Final = 1.2e-2  # edges are drawn this share of the picture nearer: more than half a piece
-_SHARP: Final = np.cos(np.radians(30.0))  # facets that meet at a larger angle make an edge of the body
+_SHARP: Final = np.cos(np.radians(55.0))  # facets that meet at a larger angle make an edge: not seven around a circle
 _LIGHT: Final = (-0.35, 0.55, 0.76)  # from the left and above, or below where the viewer is below (right, up, viewer)
 _AMBIENT: Final = 0.55
+_AMBIENT_OF_FIELD: Final = 0.8  # a colour that is read as a number stays near that of its scale
 
 
 def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
@@ -40,14 +41,14 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
     for skin in skins:
         # facets that are turned away are hidden by others of the same closed skin
         front = np.flatnonzero(skin.normals() @ view.viewer > 0)
-        pieces, rows = _cut(skin.points[skin.facets[front]], _PIECE * size)
+        pieces, rows, middles = _cut(skin.points[skin.facets[front]], _PIECE * size)
         corners.append(pieces)
-        colours.append(view.lit(skin)[front[rows]])
+        colours.append(view.lit(skin, front[rows], middles))
         depths.append(pieces.mean(axis=1) @ view.viewer)
         widths.append(np.full(len(pieces), 0.4))  # in the colour of the facet: no gaps between pieces
         edges, strength = edges_of(skin, view)
         # a quadrilateral without width: there along the edge and back
-        lines, rows = _cut(skin.points[edges[:, [0, 1, 1, 0]]], _PIECE * size, across=False)
+        lines, rows, _ = _cut(skin.points[edges[:, [0, 1, 1, 0]]], _PIECE * size, across=False)
         corners.append(lines)
         colours.append(np.tile((1.0 - 0.85 * strength[rows])[:, None] * 0.45, (1, 3)))
         depths.append(lines.mean(axis=1) @ view.viewer + _LIFT * size)
@@ -67,12 +68,13 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
     )
 
 
-def _cut(corners: Array, piece: float, across: bool = True) -> tuple[Array, Array]:
-    """Quadrilaterals (m, 4, 3) in pieces (n, 4, 3) whose edges are not longer than ``piece``, and the row of each; not
-    ``across``: an edge there and back, which is cut along itself only."""
+def _cut(corners: Array, piece: float, across: bool = True) -> tuple[Array, Index, Array]:
+    """Quadrilaterals (m, 4, 3) in pieces (n, 4, 3) whose edges are not longer than ``piece``, the row of each, and the
+    weights (n, 4) of the corners in its middle; not ``across``: an edge there and back, which is cut along itself
+    only."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     cuts = np.clip(np.ceil(longest / piece), 1, _MOST_CUTS).astype(int)
-    pieces, rows = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.int64)]
+    pieces, rows, middles = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 4))]
     for n in np.unique(cuts):
         chosen = np.flatnonzero(cuts == n)
         r, s = np.meshgrid(np.linspace(0.0, 1.0, n + 1), np.linspace(0.0, 1.0, n + 1 if across else 2), indexing="ij")
@@ -80,8 +82,10 @@ def _cut(corners: Array, piece: float, across: bool = True) -> tuple[Array, Arra
         grid = np.einsum("rsc,mcx->mrsx", weights, corners[chosen])
         turn = [grid[:, :-1, :-1], grid[:, 1:, :-1], grid[:, 1:, 1:], grid[:, :-1, 1:]]
         pieces.append(np.stack(turn, axis=3).reshape(-1, 4, 3))
-        rows.append(np.repeat(chosen, len(pieces[-1]) // len(chosen)))
-    return np.concatenate(pieces), np.concatenate(rows)
+        middle = 0.25 * (weights[:-1, :-1] + weights[1:, :-1] + weights[1:, 1:] + weights[:-1, 1:]).reshape(-1, 4)
+        rows.append(np.repeat(chosen, len(middle)))
+        middles.append(np.tile(middle, (len(chosen), 1)))
+    return np.concatenate(pieces), np.concatenate(rows), np.concatenate(middles)
 
 
 _MARGIN: Final = 0.06  # of the largest size, between bodies and axes
@@ -248,12 +252,14 @@ class Skin:
     Attributes
     ----------
     points : (n_point, 3), m. facets : (n_facet, 4) corners, the last one twice for triangles.
-    colours : (n_facet, 3) red, green, blue between 0 and 1, without light.
+    colours : (n_facet, 3) red, green, blue between 0 and 1, without light. field : (n_point,) between 0 and 1,
+        NaN where there is none, and the map of its colours, which stand in the place of ``colours``.
     """
 
     points: Array
     facets: Index
     colours: Array
+    field: tuple[Array, str] | None = None
 
     def moved(self, shift: Array) -> Skin:
         """The body translated or deformed; ``shift`` is (3,) or (n_point, 3), m."""
@@ -291,6 +297,14 @@ def skin_of(mesh: Mesh, colour: Array) -> Skin:
     return Skin(mesh.nodes, facets, np.tile(np.asarray(colour, dtype=float), (len(facets), 1)))
 
 
+def mapped(name: str, share: Array) -> Array:
+    """Colours (n, 3) of a map at shares (n,) of its range."""
+    from matplotlib import colormaps
+
+    rgb: Array = np.asarray(colormaps[name](np.clip(share, 0.0, 1.0)))[:, :3]
+    return rgb
+
+
 @dataclass(frozen=True)
 class View:
     """Orthographic view: unit vectors to the right, up, and towards the viewer, (3,) each."""
@@ -312,16 +326,26 @@ class View:
         flat: Array = points @ np.stack([self.right, self.up], axis=1)
         return flat
 
-    def lit(self, skin: Skin) -> Array:
-        """Colours of the facets (n_facet, 3) with light from the left."""
+    def lit(self, skin: Skin, facets: Index, places: Array) -> Array:
+        """Colours (n, 3) at places on some ``facets`` (n,), by the weights (n, 4) of their corners, with light from the
+        left."""
         # seen from below the light comes from below, else all faces in view would be dark
         if self.viewer[2] >= 0:
             side = 1.0
         else:
             side = -1.0
         light = np.array([1.0, side, 1.0]) * _LIGHT @ np.stack([self.right, self.up, self.viewer])
-        shade = _AMBIENT + (1.0 - _AMBIENT) * np.clip(skin.normals() @ light / np.linalg.norm(_LIGHT), 0.0, 1.0)
-        return np.clip(skin.colours * shade[:, None], 0.0, 1.0)
+        if skin.field is None:
+            ambient = _AMBIENT
+        else:
+            ambient = _AMBIENT_OF_FIELD
+        shade = ambient + (1.0 - ambient) * np.clip(skin.normals() @ light / np.linalg.norm(_LIGHT), 0.0, 1.0)
+        colours = skin.colours[facets]
+        if skin.field is not None:
+            share, name = skin.field
+            at = (share[skin.facets[facets]] * places).sum(axis=1)
+            colours = np.where(np.isnan(at)[:, None], colours, mapped(name, np.nan_to_num(at)))
+        return np.clip(colours * shade[facets, None], 0.0, 1.0)
 
 
 def edges_of(skin: Skin, view: View) -> tuple[Index, Array]:

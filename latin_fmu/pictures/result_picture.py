@@ -17,8 +17,20 @@ from ..fem.mesh import Array, Mesh, cell_blocks, nearest
 from ..results.groups import children_of, datasets_of, unit_of, units_of
 from ..results.interface_fields import InterfaceFields, normal_resultant
 from ..results.writing import write_whole
-from ..scene.readable_numbers import prefix_for, readable
-from .frame import Skin, View, axes_with_units, draw, skin_of, zoom
+from ..scene.readable_numbers import prefix_for, readable, readable_vector
+from .body_fields import (
+    NOTHING,
+    PLAIN_LOOK,
+    STRESSES,
+    Look,
+    at_instants,
+    away,
+    base_motion,
+    largest_stresses,
+    nodal_stress,
+    stored_bodies,
+)
+from .frame import Skin, View, axes_with_units, draw, mapped, skin_of, zoom
 from .style import PRESSURE, SEQUENTIAL, styled
 
 if TYPE_CHECKING:
@@ -28,11 +40,11 @@ if TYPE_CHECKING:
 _AZIMUTH, _ELEVATION = -60.0, 25.0
 _SEEN: Final = 0.05  # of the size of the assembly: largest displacement in the picture where no factor is given
 _NEAR: Final = 0.8  # of the spacing of points: nodes this near to a point have its pressure
+_AROUND_BODIES: Final = 1.5  # inches for titles and scale above and below the bodies
 _AROUND: Final = 0.35  # of the size of the interface, left around it
 _PLAIN: Final = np.array([0.80, 0.82, 0.85])
 FILM: Final = ".gif"
 """Suffix of a film."""
-_NOTHING: Final = "nothing to draw"
 _MARKS: Final = (("separation", "x", 12.0), ("stick", "s", 10.0), ("slip", "o", 10.0))
 """Contact states by number: name, marker and its size."""
 _ALIKE: Final = 0.5  # smallest over largest value
@@ -41,27 +53,28 @@ _FINENESS: Final = 80  # dots per inch of a film
 
 
 @styled
-def result_figure(
-    tree: xr.DataTree, interface: str | None = None, time: float | None = None, magnify: float | None = None
-) -> Figure:
+def result_figure(tree: xr.DataTree, time: float | None = None, look: Look = PLAIN_LOOK) -> Figure:
     """Deformed bodies coloured by displacement; beside them the pressure on an interface, on the body of its points.
+    Coloured by a stress, the bodies alone, with an interface where one is named.
 
     Parameters
     ----------
-    interface : its name, None for the one with the largest force. time : s, None for the instant of that force.
-    magnify : factor on the displacements, None for a largest displacement of 5 % of the size.
+    time : s, None for the instant of the largest force on the interface, or of the largest stress away from edges of
+        contacts. look : what is drawn.
 
     Raises
     ------
-    ResultsError : the file has no displacements of bodies, or no interface of this name.
+    ResultsError : the file has no displacements of bodies, no stresses where these are drawn, or no interface of this
+        name.
     """
-    chosen = _interface(tree, interface)
     instants = stored_instants(tree)
-    if time is None:
-        wanted = _busiest(tree, chosen)
-    else:
+    if time is not None:
         wanted = time
-    return _still(lambda at: bodies_in_motion(tree, chosen, at, magnify), instants, wanted)
+    elif look.stress is not None:
+        wanted = float(instants[largest_stresses(stored_bodies(tree, look.stress), look.stress, instants)[0].argmax()])
+    else:
+        wanted = _busiest(tree, _interface(tree, look.interface))
+    return _still(lambda at: bodies_in_motion(tree, at, look), instants, wanted)
 
 
 Frame = Callable[[float], None]
@@ -76,9 +89,7 @@ def _still(in_motion: Callable[[Array], tuple[Figure, Frame]], instants: Array, 
     return figure
 
 
-def bodies_in_motion(
-    tree: xr.DataTree, interface: str | None, instants: Array, magnify: float | None
-) -> tuple[Figure, Frame]:
+def bodies_in_motion(tree: xr.DataTree, instants: Array, look: Look) -> tuple[Figure, Frame]:
     """An empty figure of the bodies (``result_figure``), and what draws an instant in it; colours, limits and the
     factor on the displacements are those of all ``instants``.
 
@@ -88,31 +99,31 @@ def bodies_in_motion(
     """
     from matplotlib.figure import Figure
 
-    bodies, chosen = stored_bodies(tree), _interface(tree, interface)
+    bodies, chosen = stored_bodies(tree, look.stress), _interface(tree, look.interface)
+    if look.stress is not None and look.interface is None:
+        chosen = None
     meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
-    length = units_of(tree.attrs).label("m")
-    rest = np.concatenate([mesh.nodes for mesh in meshes.values()])
-    size, largest = float(np.ptp(rest, axis=0).max()), _largest_displacement(bodies, instants)
-    if magnify is None:
-        magnify = magnification(size, largest)
-    pressure = 0.0
-    if chosen is not None:
-        pressure = _largest_pressure(tree, chosen, instants)
-    scales = _Scales(largest, pressure, magnify, rest)
-    flat = np.ptp(View.at(_AZIMUTH, _ELEVATION).project(rest), axis=0)
-    height = float(np.clip(6.6 * flat[1] / max(float(flat[0]), 1e-300) + 2.2, 3.6, 6.4))
+    scales = _scales(tree, bodies, instants, replace(look, interface=chosen))
     width, ratios = 7.5, [1.0]
     if chosen:
         width, ratios = 11.0, [1.5, 1.0]
-    figure = Figure(figsize=(width, height), layout="constrained")
+    # as high as the bodies with their axes are in a panel of this width, and room for titles and scale
+    tall = _tallness(scales) * width * ratios[0] / sum(ratios) + _AROUND_BODIES
+    figure = Figure(figsize=(width, float(np.clip(tall, 3.4, 7.5))), layout="constrained")
 
     def draw_instant(time: float) -> None:
         figure.clear()
         axes = figure.subplots(1, len(ratios), squeeze=False, width_ratios=ratios)[0]
-        at = {name: dataset.sel(time=time, method="nearest") for name, dataset in bodies.items()}
-        # NaN where a node has no value
-        moved = {name: np.nan_to_num(dataset["displacement"].values) for name, dataset in at.items()}
-        _draw_deformed(figure, axes[0], meshes, moved, scales, length)
+        at = np.array([time])
+        base = base_motion(bodies, at)[0]
+        moved = {name: at_instants(dataset, "displacement", at)[0] - base for name, dataset in bodies.items()}
+        if look.stress is None:
+            shown = {name: np.linalg.norm(moves, axis=1) for name, moves in moved.items()}
+        else:
+            shown = {name: nodal_stress(dataset, look.stress, time) for name, dataset in bodies.items()}
+        _draw_deformed(figure, axes[0], meshes, (moved, shown), scales)
+        if look.stress is not None:
+            axes[0].set_title(f"{scales.title}\n{_largest_in(bodies, shown, scales)}", fontsize=9)
         if chosen:
             _draw_pressure(figure, axes[1], tree, chosen, time, meshes, scales.pressure)
         figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(time, 's', figure=True)}")
@@ -120,15 +131,80 @@ def bodies_in_motion(
     return figure, draw_instant
 
 
+def _largest_in(bodies: Mapping[str, xr.Dataset], shown: Mapping[str, Array], scales: _Scales) -> str:
+    """Where the largest stress (n_node,) away from edges of contacts is, which may be inside."""
+    sizes = {name: np.where(away(dataset), shown[name], -np.inf) for name, dataset in bodies.items()}
+    name = max(sizes, key=lambda body: float(np.nan_to_num(sizes[body], nan=-np.inf).max()))
+    node = int(np.nan_to_num(sizes[name], nan=-np.inf).argmax())
+    if not np.isfinite(sizes[name][node]):
+        return "every cell touches the edge of a contact"
+    place = [float(bodies[name][f"node_{axis}"].values[node]) for axis in "xyz"]
+    size = readable(float(sizes[name][node]), scales.unit, 3, figure=True)
+    return f"away from edges of contacts up to {size}, in {name} at {readable_vector(place, scales.length, 3)}"
+
+
 @dataclass(frozen=True)
 class _Scales:
-    """Largest displacement, m, and pressure, Pa, that the colours reach to; factor on the displacements in the picture;
-    nodes at rest (n, 3)."""
+    """What all instants of a figure of bodies have in common.
 
-    displacement: float
+    Attributes
+    ----------
+    reach : largest displacement, m. pressure : largest one, Pa. factor : on the displacements in the picture. rest :
+        nodes at rest (n, 3), m. length : unit of it. top, unit : largest value of the field that colours the bodies,
+        and its unit. beyond : largest one at edges of contacts where that is another. colours, what, title : of the
+        field.
+    """
+
+    reach: float
     pressure: float
     factor: float
     rest: Array
+    length: str
+    top: float
+    unit: str
+    beyond: float
+    colours: str
+    what: str
+    title: str
+
+    def around(self, view: View) -> Array:
+        """Points (n, 3) that are in view, m: the bodies at rest, half of the largest motion around them."""
+        reach = 0.5 * self.factor * self.reach * np.array([view.right, -view.right, view.up, -view.up])
+        return np.asarray((self.rest + reach[:, None]).reshape(-1, 3))
+
+
+def _tallness(scales: _Scales) -> float:
+    """Height over width of the picture of bodies with their axes."""
+    from matplotlib.figure import Figure
+
+    axis, view = Figure().add_subplot(), View.at(_AZIMUTH, _ELEVATION)
+    zoom(axis, view.project(scales.around(view)), 0.04)
+    axes_with_units(axis, scales.rest, view, scales.length)
+    return float(np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()))
+
+
+def _scales(tree: xr.DataTree, bodies: Mapping[str, xr.Dataset], instants: Array, look: Look) -> _Scales:
+    rest = np.concatenate([_mesh(dataset).nodes for dataset in bodies.values()])
+    units, base = units_of(tree.attrs), base_motion(bodies, instants)
+    reach = max(
+        float(np.linalg.norm(at_instants(d, "displacement", instants) - base[:, None], axis=2).max(initial=0.0))
+        for d in bodies.values()
+    )
+    factor = look.magnify
+    if factor is None:
+        factor = magnification(float(np.ptp(rest, axis=0).max()), reach)
+    pressure = 0.0
+    if look.interface is not None:
+        pressure = _largest_pressure(tree, look.interface, instants)
+    drawn = f"displacement drawn {factor:g} times as large"
+    if base.any():
+        drawn = f"displacement relative to the base, drawn {factor:g} times as large"
+    if look.stress is None:
+        field = (reach, units.label("m"), reach, SEQUENTIAL, "displacement", drawn)
+    else:
+        far, anywhere = largest_stresses(bodies, look.stress, instants)
+        field = (float(far.max()), units.label("Pa"), float(anywhere.max()), PRESSURE, STRESSES[look.stress], drawn)
+    return _Scales(reach, pressure, factor, rest, units.label("m"), *field)
 
 
 def stored_instants(tree: xr.DataTree) -> Array:
@@ -141,32 +217,10 @@ def stored_instants(tree: xr.DataTree) -> Array:
     return np.asarray(next(iter(stored_bodies(tree).values()))["time"].values, dtype=float)
 
 
-def _largest_displacement(bodies: Mapping[str, xr.Dataset], instants: Array) -> float:
-    fields = (dataset["displacement"].sel(time=t, method="nearest") for dataset in bodies.values() for t in instants)
-    return max(float(np.linalg.norm(np.nan_to_num(field.values), axis=1).max()) for field in fields)
-
-
 def _largest_pressure(tree: xr.DataTree, interface: str, instants: Array) -> float:
     dataset = tree[f"interfaces/{interface}"].to_dataset()
     chosen = dataset["traction"].sel(time=instants, method="nearest").values
     return float(np.abs(np.einsum("tpi,pi->tp", np.nan_to_num(chosen), dataset["normal"].values)).max(initial=0.0))
-
-
-def stored_bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """Substructures with displacements and meshes.
-
-    Raises
-    ------
-    ResultsError : the file has none.
-    """
-    bodies = datasets_of(tree, "substructures")
-    bodies = {name: d for name, d in bodies.items() if "displacement" in d and "cell_nodes" in d}
-    if not bodies:
-        problem = Problem(
-            "substructures", "the results hold no displacements of bodies", remedy="run with --set output.fields=true"
-        )
-        raise ResultsError([problem], _NOTHING)
-    return bodies
 
 
 def _interface(tree: xr.DataTree, name: str | None) -> str | None:
@@ -174,7 +228,7 @@ def _interface(tree: xr.DataTree, name: str | None) -> str | None:
     children = children_of(tree, "interfaces")
     if name is not None and name not in children:
         problem = Problem("--interface", "no interface of this name", name, ", ".join(children) or "none")
-        raise ResultsError([problem], _NOTHING)
+        raise ResultsError([problem], NOTHING)
     if name is not None or not children:
         return name
     forces = {key: node.to_dataset()["force"].values for key, node in children.items()}
@@ -195,23 +249,29 @@ def _mesh(dataset: xr.Dataset) -> Mesh:
 
 
 def _draw_deformed(
-    figure: Figure, axis: Axes, meshes: Mapping[str, Mesh], moved: Mapping[str, Array], scales: _Scales, length: str
+    figure: Figure,
+    axis: Axes,
+    meshes: Mapping[str, Mesh],
+    fields: tuple[Mapping[str, Array], Mapping[str, Array]],
+    scales: _Scales,
 ) -> None:
-    divisor, unit = prefix_for(scales.displacement, length, figure=True)
-    skins = []
-    for name, mesh in meshes.items():
-        skin = skin_of(mesh, _PLAIN)
-        moves = np.linalg.norm(moved[name], axis=1)
-        shade = _map(SEQUENTIAL, moves[skin.facets].mean(axis=1) / max(scales.displacement, 1e-300))
-        skins.append(replace(skin, colours=shade).moved(scales.factor * moved[name]))
-    view, reach = View.at(_AZIMUTH, _ELEVATION), scales.factor * scales.displacement
-    # room for any direction of motion: half of it on each side of the bodies at rest
-    box = np.array([scales.rest.min(axis=0) - 0.5 * reach, scales.rest.max(axis=0) + 0.5 * reach])
-    corners = box[np.array(list(np.ndindex(2, 2, 2))), np.arange(3)]
-    draw(axis, skins, view, np.concatenate([corners, *(skin.points for skin in skins)]))
-    axes_with_units(axis, scales.rest, view, length)
-    axis.set_title(f"displacement, drawn {scales.factor:g} times as large", fontsize=9)
-    _colour_bar(figure, axis, SEQUENTIAL, scales.displacement / divisor, f"displacement ({unit})")
+    """Bodies with their displacements (n_node, 3), coloured by a field (n_node,)."""
+    moved, shown = fields
+    skins = [
+        replace(skin_of(mesh, _PLAIN), field=(shown[name] / max(scales.top, 1e-300), scales.colours)).moved(
+            scales.factor * moved[name]
+        )
+        for name, mesh in meshes.items()
+    ]
+    view = View.at(_AZIMUTH, _ELEVATION)
+    draw(axis, skins, view, np.concatenate([scales.around(view), *(skin.points for skin in skins)]))
+    axes_with_units(axis, scales.rest, view, scales.length)
+    axis.set_title(scales.title, fontsize=9)
+    divisor, unit = prefix_for(scales.top, scales.unit, figure=True)
+    label = f"{scales.what} ({unit})"
+    if scales.beyond > scales.top:
+        label += f", up to {readable(scales.beyond, scales.unit, 3, figure=True)} at edges of contacts"
+    _colour_bar(figure, axis, scales.colours, scales.top / divisor, label, scales.beyond > scales.top)
 
 
 def magnification(size: float, largest: float) -> float:
@@ -248,12 +308,12 @@ def _draw_pressure(
     largest = max(most, 1e-300)
     skin = skin_of(meshes[owner], _PLAIN)
     share = _on_facets(skin, points, outward, pressure / largest, np.sqrt(dataset["area"].values))
-    colours = np.where(np.isfinite(share)[:, None], _map(PRESSURE, np.nan_to_num(share)), skin.colours)
+    colours = np.where(np.isfinite(share)[:, None], mapped(PRESSURE, np.nan_to_num(share)), skin.colours)
     view = _towards(outward.mean(axis=0))
     draw(axis, [replace(skin, colours=colours)], view)
     # facets have the mean of their corners: the values themselves are those of the points
     place = view.project(points)
-    dots = _map(PRESSURE, pressure / largest)
+    dots = mapped(PRESSURE, pressure / largest)
     axis.scatter(place[:, 0], place[:, 1], s=22, c=dots, edgecolors="0.35", linewidths=0.4, zorder=4)
     zoom(axis, place, _AROUND)
     divisor, unit = prefix_for(largest, unit_of(dataset["traction"], "Pa"), figure=True)
@@ -290,19 +350,16 @@ def _towards(normal: Array) -> View:
     return max(views, key=lambda view: float(view.viewer @ normal))
 
 
-def _map(name: str, share: Array) -> Array:
-    from matplotlib import colormaps
-
-    rgb: Array = np.asarray(colormaps[name](np.clip(share, 0.0, 1.0)))[:, :3]
-    return rgb
-
-
-def _colour_bar(figure: Figure, axis: Axes, name: str, largest: float, label: str) -> None:
+def _colour_bar(figure: Figure, axis: Axes, name: str, largest: float, label: str, beyond: bool = False) -> None:
+    """Scale of colours from 0 to the largest value; ``beyond`` : there are larger ones, in the last colour."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     scale = ScalarMappable(Normalize(0.0, largest), name)
-    figure.colorbar(scale, ax=axis, label=label, shrink=0.6, orientation="horizontal", pad=0.02)
+    extend = "neither"
+    if beyond:
+        extend = "max"
+    figure.colorbar(scale, ax=axis, label=label, shrink=0.6, orientation="horizontal", pad=0.02, extend=extend)
 
 
 # -- maps of an interface, and films ---------------------------------------------------------------------------------
@@ -339,7 +396,7 @@ class Window:
         if len(inside) < 2:
             what, value = "fewer than two stored instants are in this window", f"{first:g} to {last:g} s"
             allowed = f"a part of {stored[0]:g} to {stored[-1]:g} s"
-            raise ResultsError([Problem("--from, --to", what, value, allowed)], _NOTHING)
+            raise ResultsError([Problem("--from, --to", what, value, allowed)], NOTHING)
         chosen = np.linspace(0, len(inside) - 1, min(self.frames, len(inside)))
         # where frames are as many as instants, rounding must not take one twice
         return np.asarray(inside[np.unique(np.rint(chosen).astype(int))])
@@ -386,8 +443,8 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
     else:
         rows, columns = 1, len(maps)
     width, height = (float(np.ptp(dataset[name].values)) for name in ("surface_x", "surface_y"))
-    tall = float(np.clip(4.2 * height / max(width, 1e-300), 2.0, 5.5)) + 1.6
-    figure = Figure(figsize=(10.0 if rubs else 5.4, rows * tall), layout="constrained")
+    tall = float(np.clip(3.7 * height / max(width, 1e-300), 1.6, 5.0)) + 0.7
+    figure = Figure(figsize=(10.0 if rubs else 5.4, rows * tall + 0.8), layout="constrained")
 
     def draw_instant(time: float) -> None:
         figure.clear()
@@ -397,7 +454,7 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
             _draw_field(figure, axis, dataset, (name, values[0], unit, colours), ends)
         if "contact_status" in dataset:
             _draw_states(figure, axes[0], dataset, now["contact_status"].values[0])
-        head = f"{tree.attrs.get('scene_name', 'run')}: interface {dataset.attrs['name']}"
+        head = f"{tree.attrs.get('scene_name', 'run')}: interface {dataset.attrs['name']}{_level(dataset)}"
         figure.suptitle(f"{head}, {readable(time, 's', figure=True)}")
 
     return figure, draw_instant
@@ -423,7 +480,7 @@ def _surface(tree: xr.DataTree, interface: str | None) -> xr.Dataset:
     if interface is None:
         what = "no interface has points that carry cells"
     remedy = did_you_mean(interface, meshed)
-    raise ResultsError([Problem("--interface", what, interface, listed(meshed), remedy)], _NOTHING)
+    raise ResultsError([Problem("--interface", what, interface, listed(meshed), remedy)], NOTHING)
 
 
 def _maps(dataset: xr.Dataset, rubs: bool) -> list[_Map]:
@@ -443,6 +500,8 @@ def _maps(dataset: xr.Dataset, rubs: bool) -> list[_Map]:
 def _range(values: Array) -> tuple[float, float]:
     """Ends of a scale of colours: from 0, or from the smallest value where all are alike."""
     low, high = float(values.min()), float(values.max())
+    if high <= 0.0:  # nothing anywhere: a scale all the same
+        return (0.0, 1.0)
     if low > _ALIKE * high:
         return (low, high)
     return (0.0, high)
@@ -453,6 +512,27 @@ def _places(dataset: xr.Dataset) -> tuple[Array, str]:
     places = np.stack([dataset["surface_x"].values, dataset["surface_y"].values])
     length, metre = prefix_for(float(np.abs(places).max()), unit_of(dataset["surface_x"], "m"), figure=True)
     return places / length, metre
+
+
+def _direction(coordinate: xr.DataArray) -> str:
+    """Name of the axis of a coordinate in the plane: that of a global axis, or its direction."""
+    if "direction" not in coordinate.attrs:
+        return {"surface_x": "along the interface", "surface_y": "across"}[str(coordinate.name)]
+    direction = np.asarray(coordinate.attrs["direction"], dtype=float)
+    axis = int(np.abs(direction).argmax())
+    if direction[axis] > 1.0 - 1e-6:
+        return "xyz"[axis]
+    return f"along ({', '.join(f'{part:.2g}' for part in np.round(direction, 3) + 0.0)})"
+
+
+def _level(dataset: xr.Dataset) -> str:
+    """Where a plane across a global axis lies, empty for others."""
+    points = np.stack([dataset[axis].values for axis in "xyz"])
+    flat = int(np.ptp(points, axis=1).argmin())
+    if np.ptp(points[flat]) > 1e-6 * np.ptp(points):
+        return ""
+    unit = unit_of(dataset["xyz"[flat]], "m")
+    return f" at {'xyz'[flat]} = {readable(float(points[flat].mean()), unit, 4, figure=True)}"
 
 
 def _draw_field(figure: Figure, axis: Axes, dataset: xr.Dataset, drawn: _Map, ends: tuple[float, float]) -> None:
@@ -470,7 +550,10 @@ def _draw_field(figure: Figure, axis: Axes, dataset: xr.Dataset, drawn: _Map, en
     triangles = Triangulation(x, y, corners)
     image = axis.tripcolor(triangles, values / scale, shading="gouraud", cmap=colours, vmin=low, vmax=top)
     figure.colorbar(image, ax=axis, label=f"{name} ({unit})", shrink=0.75)
-    axis.set(aspect="equal", title=name, xlabel=f"along the interface ({metre})", ylabel=f"across ({metre})")
+    along, across = (_direction(dataset[which]) for which in ("surface_x", "surface_y"))
+    axis.set(aspect="equal", title=name, xlabel=f"{along} ({metre})", ylabel=f"{across} ({metre})")
+    # of panels that share their axes the outer ones have labels
+    axis.label_outer()
 
 
 def _draw_states(figure: Figure, axis: Axes, dataset: xr.Dataset, states: Array) -> None:
@@ -490,8 +573,7 @@ def save_film(
     tree: xr.DataTree,
     path: str | Path,
     window: Window,
-    interface: str | None = None,
-    magnify: float | None = None,
+    look: Look = PLAIN_LOOK,
     maps: bool = False,
     report: Callable[[float], None] | None = None,
 ) -> None:
@@ -504,11 +586,11 @@ def save_film(
     ResultsError : as ``result_figure`` and ``map_figure``; fewer than two instants; the file cannot be written.
     """
     if maps:
-        instants = window.instants(_surface(tree, interface)["time"].values)
-        figure, drawn = map_in_motion(tree, interface, instants)
+        instants = window.instants(_surface(tree, look.interface)["time"].values)
+        figure, drawn = map_in_motion(tree, look.interface, instants)
     else:
         instants = window.instants(stored_instants(tree))
-        figure, drawn = bodies_in_motion(tree, interface, instants, magnify)
+        figure, drawn = bodies_in_motion(tree, instants, look)
     write_whole(path, partial(_write_film, figure, drawn, instants, report))
 
 

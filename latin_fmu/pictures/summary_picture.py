@@ -17,7 +17,7 @@ from ..results.groups import datasets_of, unit_of
 from ..results.interface_fields import InterfaceFields, friction_resultant, normal_resultant, status_shares
 from ..results.owner_records import InterfaceRecord
 from ..results.sensors import loss_text, share_lost
-from ..results.spectra import ShockSpectrum, stored_spectra
+from ..results.spectra import FAINT, ShockSpectrum, axes_in_order, shock_axis, stored_spectra
 from ..scene.quantity_table import PEAK_FORCE
 from ..scene.readable_numbers import percent, prefix_for, readable
 from ..scene.units import SI, UnitSystem
@@ -32,6 +32,8 @@ FEW = 4
 
 _FRICTION: Final = "friction force"
 _SEEN: Final = 0.005  # of the largest term of the energy
+_FEW_BOLTS: Final = 2  # their labels are long
+_SMALL: Final = 0.15  # of the clamp force: changes up to it are drawn as such
 _PRELOADED: Final = 0.1  # of the largest elastic energy, there from the start
 STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
 STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
@@ -65,16 +67,32 @@ def history_panel(
     scale.set(axis, time[0], time[-1])
     # many interfaces have one legend for all their panels, and friction has that of the panel above
     if what not in ("force", _FRICTION) or (what == "force" and len(curves) <= FEW):
-        _own_legend(axis)
+        _own_legend(axis, _FEW_BOLTS if "tension" in what else FEW)
 
 
 def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxis, unit: str) -> None:
-    """Tension of bolts over time, without the line of 0: what they lose is a small part of it."""
+    """Tension of bolts over time: as change in % of the clamp force at the start where it is small for all of them,
+    else without the line of 0."""
+    starts = {name: float(curve[0]) for name, curve in curves.items()}
+    small = all(
+        start > 0.0 and np.abs(curve - start).max() <= _SMALL * start
+        for start, curve in zip(starts.values(), curves.values(), strict=True)
+    )
+    if small:
+        changes = {name: 100.0 * (curve / starts[name] - 1.0) for name, curve in curves.items()}
+        history_panel(axis, time, changes, scale, unit="%", what="change of tension")
+        low, high = (float(pick([pick(curve) for curve in changes.values()])) for pick in (np.min, np.max))
+        # at least 1 %: less is no change that a bolt shows; above the curves room for the legend
+        margin = max(0.05 * (high - low), 0.5 - 0.5 * (high - low))
+        legend = 0.0  # share of the panel
+        if len(curves) <= _FEW_BOLTS:
+            legend = 0.06 + 0.11 * len(curves)
+        axis.set_ylim(low - margin, high + margin + legend / (1.0 - legend) * (high - low + 2.0 * margin))
+        return
     history_panel(axis, time, curves, scale, unit=unit, what="tension")
     low, high = (float(pick([pick(curve) for curve in curves.values()])) for pick in (np.min, np.max))
     size = prefix_for(max(abs(low), abs(high)), unit)[0]
-    # at least 1 % of the tension: less is no change that a bolt shows
-    margin = max(0.05 * (high - low), 0.005 * abs(high) - 0.5 * (high - low)) or size
+    margin = 0.05 * (high - low) or size
     axis.set_ylim((low - margin) / size, (high + margin) / size)
 
 
@@ -170,10 +188,10 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     _own_legend(axis)
 
 
-def _own_legend(axis: Axes) -> None:
+def _own_legend(axis: Axes, few: int = FEW) -> None:
     """Legend of a panel: in it for few curves, below it for more, so that all panels of a column are of one width."""
     n = len(axis.get_legend_handles_labels()[1])
-    if 0 < n <= FEW:
+    if 0 < n <= few:
         axis.legend(fontsize="small")
     elif n:
         from matplotlib.transforms import ScaledTranslation
@@ -312,9 +330,9 @@ def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, e
 
 
 def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
-    """Accelerations of the sensors (behind their filter where they have one), displacements where there are none: of
-    each the component with the largest value."""
-    sensors, panels = datasets_of(tree, "sensors"), []
+    """Accelerations of the sensors (behind their filter where they have one), displacements where there are none: along
+    the axis of the shock where the scene has one, else of each along that of its largest value."""
+    sensors, panels, shock = datasets_of(tree, "sensors"), [], shock_axis(tree)
     for motion, choices in (("acceleration", ("acceleration_filtered", "acceleration")), ("displacement", None)):
         curves = {}
         unit = ""
@@ -326,7 +344,9 @@ def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
             values = dataset[stored[0]].values
             unit = unit_of(dataset[stored[0]], "")
             time = dataset["time"].values
-            axis = int(np.abs(values).max(axis=0).argmax())
+            axis = shock
+            if axis is None:
+                axis = int(np.abs(values).max(axis=0).argmax())
             how = {"acceleration_filtered": ", behind its filter", "acceleration": ", unfiltered"}.get(stored[0], "")
             curves[f"{name}, along {'xyz'[axis]}{how}"] = values[:, axis]
         if curves:
@@ -342,23 +362,31 @@ def _spectrum_panels(tree: xr.DataTree) -> list[_Panel]:
         return []
     node = tree[f"sensors/{next(iter(spectra))}/spectrum"].to_dataset()
     unit = unit_of(node["acceleration"], "m s-2")
-    draw = partial(spectrum_panel, spectra=spectra, unit=unit)
-    band = any(error is not None for _, error in spectra.values())
-    return [_Panel(2.8, draw, "Shock response spectra, maximax" + band * " (band: estimated error)")]
+    band = any(error is not None for _, error in spectra.values()) * " (band: estimated error)"
+    panels = []
+    for i, along in enumerate(axes_in_order(spectra, shock_axis(tree))):
+        draw = partial(spectrum_panel, spectra=spectra, along=along, unit=unit)
+        title = f"Shock response spectra along {'xyz'[along]}, maximax{band}"
+        panels.append(_Panel(2.2 if i else 2.8, draw, title))
+    return panels
 
 
-def spectrum_panel(axis: Axes, spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], unit: str) -> None:
-    """Maximax of each sensor along the axis of its largest value, in ``unit`` (UDUNITS)."""
+def spectrum_panel(
+    axis: Axes, spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: int, unit: str
+) -> None:
+    """Maximax of each sensor along an axis (0, 1, 2), in ``unit`` (UDUNITS)."""
     top, low = 0.0, np.inf
     # one unit for all, without prefix: the axis is logarithmic
     size, label_of_unit = prefix_for(0.0, unit, figure=True)
+    largest = max(float(spectrum.acceleration[0][:, along].max()) for spectrum, _ in spectra.values())
     for (name, (spectrum, error)), look in zip(spectra.items(), curve_styles(len(spectra)), strict=True):
-        along = int(np.argmax(spectrum.acceleration[0].max(axis=0)))
         values = spectrum.acceleration[0][:, along] / size
+        # a base that moves along another axis has nothing but round-off here
+        if values.max() * size < FAINT * largest:
+            continue
         if error is not None:
             _error_band(axis, spectrum.frequency, values, error[0, :, along], color=look["color"], alpha=0.18)
-        label = f"{name}, along {'xyz'[along]}, Q = {spectrum.quality:g}"
-        axis.plot(spectrum.frequency, values, label=label, linewidth=1.3, **look)
+        axis.plot(spectrum.frequency, values, label=f"{name}, Q = {spectrum.quality:g}", linewidth=1.3, **look)
         top, low = max(top, float(values.max())), min(low, float(values.min()))
     axis.set(ylabel=f"acceleration ({label_of_unit})")
     spectrum_axes(axis, low, max(top, 1e-300))
@@ -386,7 +414,8 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
             end = ""
         else:
             end = words
-        curves[f"{name}: {loss_text(tension, last)}{end}"] = tension
+        clamp = readable(float(tension[0]), unit, figure=True)
+        curves[f"{name}: {clamp}, {loss_text(tension, last)}{end}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
 
@@ -427,32 +456,39 @@ def _energy_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
 
 @styled
 def spectra_figure(
-    spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: str | None = None, units: UnitSystem = SI
+    spectra: Mapping[str, tuple[ShockSpectrum, Array | None]],
+    along: str | None = None,
+    units: UnitSystem = SI,
+    shock: int | None = None,
 ) -> Figure:
     """Spectra of sensors, one row each: absolute acceleration and pseudo-velocity, with the estimated error as a band.
 
     Parameters
     ----------
-    spectra : by sensor, with the relative error (5, n, 3) or None. along : x, y or z; the axis of the largest
-        acceleration where None. units : of the run.
+    spectra : by sensor, with the relative error (5, n, 3) or None. along : x, y or z; where None the axis of the shock,
+        the same for all sensors, and of a single sensor the other axes below it. units : of the run. shock : its axis
+        (0, 1, 2), that of the largest acceleration where None.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.6, 3.3 * len(spectra)), layout="constrained")
-    rows = figure.subplots(len(spectra), 2, squeeze=False)
-    for (name, (spectrum, error)), panels in zip(spectra.items(), rows, strict=True):
-        largest = spectrum.acceleration[0].max(axis=0)
-        if along is None:
-            axis = int(np.argmax(largest))
-        else:
-            axis = "xyz".index(along)
+    if along is None:
+        axes = axes_in_order(spectra, shock)
+    else:
+        axes = ["xyz".index(along)]
+    if len(spectra) > 1:
+        axes = axes[:1]
+    shown = [(name, axis) for axis in axes for name in spectra]
+    figure = Figure(figsize=(7.6, 3.3 * len(shown)), layout="constrained")
+    rows = figure.subplots(len(shown), 2, squeeze=False)
+    for (name, axis), panels in zip(shown, rows, strict=True):
+        spectrum, error = spectra[name]
         kinds = (("absolute acceleration", "acceleration", "m s-2"), ("pseudo-velocity", "pseudo_velocity", "m s-1"))
         for panel, (what, kind, unit) in zip(panels, kinds, strict=True):
-            size, shown = prefix_for(0.0, units.shown(unit), figure=True)
-            label, values = f"{what} ({shown})", getattr(spectrum, kind)[:, :, axis] / size
+            size, label = prefix_for(0.0, units.shown(unit), figure=True)
+            values = getattr(spectrum, kind)[:, :, axis] / size
             _draw_spectrum(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
             title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"
-            panel.set(title=title, ylabel=label)
+            panel.set(title=title, ylabel=f"{what} ({label})")
         panels[0].legend(fontsize="small")
     return figure
 

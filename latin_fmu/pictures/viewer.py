@@ -25,8 +25,10 @@ from ..fem.mesh import Array, Index, Mesh, cell_blocks, nearest
 from ..results.groups import datasets_of, unit_of, units_of
 from ..results.interface_fields import InterfaceFields, friction_resultant, normal_resultant
 from ..scene.readable_numbers import prefix_for
+from ..scene.units import UnitSystem
+from .body_fields import STRESSES, at_instants, base_motion, largest_stresses, nodal_stress, stored_bodies
 from .frame import sharp_edges, shifts_apart, skin_of
-from .result_picture import Window, magnification, stored_bodies, stored_instants
+from .result_picture import Window, magnification, stored_instants
 from .style import PARTS, PRESSURE, SEQUENTIAL
 
 MOST_BYTES: Final = 14_000_000  # of the block; the page is at most 4/3 of it and 0.1 MB
@@ -83,17 +85,17 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
     bodies = stored_bodies(tree)
     surfaces = {name: _surface(dataset) for name, dataset in bodies.items()}
     interfaces = {name: d for name, d in datasets_of(tree, "interfaces").items() if "cells" in d}
-    instants = Window(first, last, frames or _frames(surfaces, interfaces)).instants(stored_instants(tree))
+    instants = Window(first, last, frames or _frames(surfaces, interfaces, bodies)).instants(stored_instants(tree))
     rest = np.concatenate([surface.points for surface in surfaces.values()])
     centre, size = 0.5 * (rest.min(axis=0) + rest.max(axis=0)), float(np.ptp(rest, axis=0).max())
+    base = base_motion(bodies, instants)
     moved = {
-        name: np.nan_to_num(dataset["displacement"].sel(time=instants, method="nearest").values)[
-            :, surfaces[name].nodes
-        ]
+        name: at_instants(dataset, "displacement", instants)[:, surfaces[name].nodes] - base[:, None]
         for name, dataset in bodies.items()
     }
     largest = max(float(np.linalg.norm(values, axis=2).max(initial=0.0)) for values in moved.values())
     units, block = units_of(tree.attrs), _Block()
+    stresses = _stresses(bodies, instants, units)
     divisor, second = prefix_for(float(instants[-1]), "s", figure=True)
     joints = {name: _joined(dataset, surfaces) for name, dataset in interfaces.items()}
     pairs = [(*sides, interfaces[n]["normal"].values.mean(axis=0)) for n, sides in joints.items() if len(sides) == 2]
@@ -108,6 +110,8 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
         "size": size,
         "reach": largest / size,
         "factor": magnification(size, largest),
+        "relative": bool(base.any()),
+        "stresses": stresses,
         "maps": [block.add(_colours(name), "u1") for name in (SEQUENTIAL, PRESSURE)],
         "bodies": [
             {
@@ -120,6 +124,7 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
                 "edges": block.add(surface.edges, "<u4"),
                 # 16 bits of the largest displacement: steps of 3e-5 of it
                 "moved": block.add(np.rint(moved[name] / max(largest, 1e-300) * _SHORTS), "<i2"),
+                "stresses": _fields(bodies[name], surface.nodes, stresses, instants, block),
             }
             for i, (name, surface) in enumerate(surfaces.items())
         ],
@@ -133,6 +138,11 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
         ],
         "curves": [_panel(title, unit, curves, divisor, block) for title, unit, curves in _curves(tree) if curves],
     }
+    return _filled(head, block)
+
+
+def _filled(head: Mapping[str, Any], block: _Block) -> str:
+    """The page with its header and its numbers."""
     template = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
     # a name of the scene may hold what ends a script
     content = json.dumps(head, separators=(",", ":")).replace("<", "\\u003c")
@@ -142,11 +152,39 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
     return template
 
 
-def _frames(surfaces: Mapping[str, _Surface], interfaces: Mapping[str, xr.Dataset]) -> int:
+def _stresses(bodies: Mapping[str, xr.Dataset], instants: Array, units: UnitSystem) -> dict[str, dict[str, Any]]:
+    """Scales of the stresses that the file has: up to the largest one away from edges of contacts; ``beyond`` : the
+    largest one there, 0 where it is not larger."""
+    if not any("nodal_stress" in dataset for dataset in bodies.values()):
+        return {}
+    scales = {}
+    for kind, name in STRESSES.items():
+        far, anywhere = (float(values.max()) for values in largest_stresses(bodies, kind, instants))
+        beyond = anywhere * (anywhere > far)
+        scales[kind] = {"name": name, "largest": max(far, 1e-300), "beyond": beyond, "unit": units.label("Pa")}
+    return scales
+
+
+def _fields(
+    dataset: xr.Dataset, nodes: Index, stresses: Mapping[str, dict[str, Any]], instants: Array, block: _Block
+) -> dict[str, list[int]]:
+    """Stresses (n_time, n_node) at some nodes over the largest of their scales, as integers of 16 bits."""
+    places = {}
+    for kind, scale in stresses.items() if "nodal_stress" in dataset else ():
+        values = np.stack([nodal_stress(dataset, kind, time)[nodes] for time in instants])
+        places[kind] = block.add(np.rint(65535 * np.clip(values / scale["largest"], 0.0, 1.0)), "<u2")
+    return places
+
+
+def _frames(
+    surfaces: Mapping[str, _Surface], interfaces: Mapping[str, xr.Dataset], bodies: Mapping[str, xr.Dataset]
+) -> int:
     """Number of instants that fit into the block."""
     fixed = sum(12 * s.points.size + 12 * s.triangles.size for s in surfaces.values())
-    # 2 bytes a component; 2 each of pressure, slip and state at a point
-    each = sum(2 * s.points.size for s in surfaces.values()) + sum(6 * d.sizes["point"] for d in interfaces.values())
+    # 2 bytes a component, and a stress; 2 each of pressure, slip and state at a point
+    each = sum((2 + 4 * ("nodal_stress" in bodies[n]) / 3) * s.points.size for n, s in surfaces.items()) + sum(
+        6 * d.sizes["point"] for d in interfaces.values()
+    )
     return int(np.clip((MOST_BYTES - fixed) // each, 2, _MOST_INSTANTS))
 
 

@@ -5,7 +5,7 @@
     /                      provenance and status, as attributes
     /interfaces/<name>     INTERFACE, INTERFACE_MADE, at POINTS; where they carry cells SURFACE in its mean PLANE
     /substructures/<name>  SUBSTRUCTURE and RECOVERED as far as the scene requests them, and with any of them the MESH
-                           with its NODES
+                           with its NODES and their MARKS
     /substructures/<name>/energy   ENERGY of the substructure, where requested
     /sensors/<name>        SENSOR at SENSOR_PLACE, FILTERED where requested
     /sensors/<name>/spectrum       SPECTRUM where requested, its relative error where estimated
@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from ..fem.elasticity import von_mises
 from ..fem.elements import Recovery, principal
 from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.status import WindowList
@@ -49,6 +50,7 @@ from .quantities import (
     INTERFACE,
     INTERFACE_MADE,
     LABELS,
+    MARKS,
     MESH,
     NODES,
     PLANE,
@@ -68,6 +70,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _PEAK: Final = 100_000  # instants of which the largest mean of a force is taken, at most
+_ACROSS: Final = 1.0 - 1e-8  # cosine of a normal with the axis that it is along, 0.01 degrees
 _WINDOWS: Final = 16_384  # of a block of windows
 
 
@@ -92,15 +95,21 @@ class Recovered:
         if self.strain and moved is not None:
             strain = self.recovery.strain(moved)
         if self.nodal_stress and moved is not None:
-            nodal = self.recovery.nodal_stress(moved)
-        if nodal is not None and self.unstrained is not None:
-            nodal = nodal + self.unstrained(history.time)
+            nodal = self.stress_at_nodes(moved, history.time)
         return {
             "strain": strain,
             "principal_stress": self._principal(history.stress),
             "nodal_stress": nodal,
             "nodal_principal_stress": self._principal(nodal),
+            "nodal_von_mises": None if nodal is None else von_mises(nodal),
         }
+
+    def stress_at_nodes(self, displacement: Array, time: Array) -> Array:
+        """Stress (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m, at instants (n_time,), s."""
+        nodal = self.recovery.nodal_stress(displacement)
+        if self.unstrained is not None:
+            nodal = nodal + self.unstrained(time)
+        return nodal
 
     def _principal(self, stress: Array | None) -> Array | None:
         """Principal stresses, None where there is no stress or where they are not requested."""
@@ -229,11 +238,15 @@ def interface_group(
     meshed = history.cells is not None and len(history.cells) > 0
     if meshed:
         stored += columns(SURFACE, history)
-        along += named(PLANE, dict(zip(PLANE, _in_plane(history).T, strict=True)))
+        directions = _plane_axes(history)
+        # from the origin of the global axes
+        along += named(PLANE, dict(zip(PLANE, directions @ history.points.T, strict=True)))
     group = StoredGroup.of(stored, along, attrs)
     group.variables[PEAK_FORCE.key].attrs["peak_duration"] = record.duration
     if meshed:
         _describe_surface(group)
+        for name, direction in zip(PLANE, directions, strict=True):
+            group.variables[name].attrs["direction"] = direction
     return group
 
 
@@ -246,17 +259,22 @@ def _ways(history: InterfaceHistory, time: Array) -> dict[str, Array]:
     return ways
 
 
-def _in_plane(history: InterfaceHistory) -> Array:
-    """Coordinates (n_point, 2) of the points in their mean plane, m, from their centre; along the global axes where the
-    plane is across one, else along the projection of the global axis nearest to the plane and the direction across."""
+def _plane_axes(history: InterfaceHistory) -> Array:
+    """Directions (2, 3) of the coordinates in the mean plane of the points: the two global axes in it where it is
+    across the third, else the projection of the global axis nearest to the plane and the direction across."""
     weights = history.areas / history.areas.sum()
     arms = history.points - weights @ history.points
     across = np.linalg.eigh((weights[:, None] * arms).T @ arms)[1][:, 0]
-    across = across * np.sign(across[np.abs(across).argmax()])  # an eigenvector has no sign of its own
+    normal = int(np.abs(across).argmax())
+    if np.abs(across[normal]) > _ACROSS:
+        return np.delete(np.eye(3), normal, axis=0)
+    across = across * np.sign(across[normal])  # an eigenvector has no sign of its own
     first = np.eye(3)[int(np.argmin(np.abs(np.round(across, 9))))]  # round-off would choose between axes in the plane
     first = first - (first @ across) * across
     first /= np.linalg.norm(first)
-    return np.asarray(arms @ np.stack([first, np.cross(across, first)], axis=1))
+    second = np.cross(across, first)
+    # upwards along the axis that it has most of
+    return np.stack([first, second * np.sign(second[np.abs(second).argmax()])])
 
 
 def _describe_surface(group: StoredGroup) -> None:
@@ -366,7 +384,7 @@ def _stored_energy(history: SubstructureHistory, run_time: Array) -> StoredGroup
 
 def substructure_group(history: SubstructureHistory, recovered: Recovered | None = None) -> StoredGroup:
     """Group ``substructures/<name>``: fields at the stored instants, and the mesh."""
-    fields = columns(SUBSTRUCTURE, history)
+    fields = [*columns(SUBSTRUCTURE, history), *columns(MARKS, history)]
     if recovered is not None:
         fields += named(RECOVERED, recovered.fields(history))
     used = {dim for row, _ in fields for dim in row.dims}

@@ -155,6 +155,11 @@ def _places(name: str, dims: str, meaning: str, of: str) -> Rows:
     return rows(text, {f"{name}{axis}": along(i) for i, axis in enumerate(AXES)})
 
 
+def _mark(name: str) -> Callable[[Any], Any]:
+    """Mark of the nodes of a substructure as numbers, None where it has no marks."""
+    return lambda history: None if history.marks is None else getattr(history.marks, name).astype(np.int8)
+
+
 def _nothing(_: Any) -> Any:
     """Value of a variable that only carries attributes."""
     return np.int32(0)
@@ -201,8 +206,10 @@ SURFACE: Final = rows(
 """Of an ``InterfaceHistory`` whose points have cells."""
 PLANE: Final = rows(
     """
-    surface_x | m | point | first coordinate of the point in the mean plane of the interface
-    surface_y | m | point | second coordinate of the point in the mean plane of the interface
+    surface_x | m | point | first coordinate of the point in the mean plane of the interface | along its direction, \
+        from the origin of the global axes
+    surface_y | m | point | second coordinate of the point in the mean plane of the interface | along its direction, \
+        from the origin of the global axes
     """
 )
 
@@ -221,10 +228,20 @@ RECOVERED: Final = rows(
         engineering shear
     principal_stress | Pa | time cell principal  | principal values of the mean stress of the element
     nodal_stress | Pa | time node stress_component | stress at the node, tension positive | mean over the elements \
-        around the node, by volume
+        around the node
     nodal_principal_stress | Pa | time node principal | principal values of the stress at the node
+    nodal_von_mises | Pa | time node | von Mises stress at the node | of nodal_stress
     """
 )
+MARKS: Final = rows(
+    """
+    support | - | node | whether a boundary fixes or drives the node along all axes | | free held
+    contact_edge | - | node | whether the node belongs to a cell at the edge of a contact or a support | stress has no \
+        limit there under refinement | away at_edge
+    """,
+    {name: _mark(name) for name in ("support", "contact_edge")},
+)
+"""Of the nodes of a ``SubstructureHistory`` with fields."""
 MESH: Final = rows(
     """
     cell_nodes | - | cell cell_node | nodes of each element, in VTK order | -1: the element has fewer nodes

@@ -28,8 +28,9 @@ from .sensors import (
     spectra_of,
     spectrum_lines,
 )
-from .sentences import sentences, wrapped
+from .sentences import named_lines, sentences, wrapped
 from .spectra import ShockSpectrum
+from .stresses import BodyStresses, body_stresses, stress_rows
 from .summary import details as details_of
 from .summary import report
 
@@ -133,6 +134,11 @@ class Solution:
         """Shock response spectra of the sensors that request one, by name."""
         return spectra_of(self.outcome, self.sensor_tables)
 
+    @cached_property
+    def stresses(self) -> dict[str, BodyStresses]:
+        """Largest stresses at the nodes by body, where the scene requests them (``output.nodal_stress``)."""
+        return body_stresses(self.outcome, self.recovered)
+
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
         return datatree(self._groups(), self.scene_name)
@@ -177,6 +183,8 @@ class Solution:
         lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
         if said := sentences(self.outcome, self.units, self.estimate, self.spectra, self.sensor_tables):
             lines += ["", *said]
+        if self.stresses:
+            lines += ["", *named_lines(stress_rows(self.stresses, self.units))]
         if self.sensitivities is not None and (self.bands is None or not self.bands.alone):
             lines += ["", *self.sensitivities.lines(self.units)]
         if self.bands is not None:
@@ -227,6 +235,8 @@ class Solution:
             sensors |= {"reactions": reaction_report(self.outcome)}
         if self.bolts:
             sensors |= {"bolts": bolt_report(self.outcome)}
+        if self.stresses:
+            sensors |= {"stresses": {name: found.report() for name, found in self.stresses.items()}}
         if self.sensitivities is not None:
             sensors |= {"sensitivities": self.sensitivities.report(self.units)}
         if self.bands is not None:

@@ -10,7 +10,8 @@ stays one. The spectrum goes up to ``scene.sensors.HIGHEST_SHARE`` of the rate e
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, Problem
 from ..latin.outcome import Array, SensorHistory
+from ..scene.boundaries import DRIVEN
 from ..scene.readable_numbers import readable
 from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
@@ -43,6 +45,8 @@ _OF_BAND = 128  # samples per period of an oscillator there
 _LEAST_FINER, _MOST = 8, 40_000_000  # where fewer are taken, so that no array has more numbers
 _TAPS, _KAISER = 32, 8.0  # of the filter: samples on each side, and its window: 80 dB, flat to 0.46 of the rate
 _STEP: Final = 1e-6  # of the largest acceleration, in the derivatives of spectra
+FAINT: Final = 1e-3
+"""Share of the largest spectrum below which others are not drawn: mostly round-off."""
 _COVERING = 0.85  # of an extrapolated difference of spectra
 
 
@@ -292,6 +296,31 @@ def stored_spectra(tree: xr.DataTree) -> dict[str, tuple[ShockSpectrum, Array | 
     """Spectra of the sensors of a file with their estimated errors, by sensor."""
     sensors = children_of(tree, "sensors").items()
     return {name: stored_spectrum(node["spectrum"]) for name, node in sensors if "spectrum" in node.children}
+
+
+def shock_axis(tree: xr.DataTree) -> int | None:
+    """Axis (0, 1, 2) along which the scene of a file drives faces most; None where it drives none along global axes."""
+    try:
+        boundaries = tomllib.loads(tree.attrs["scene"]).get("boundary", {})
+    except (KeyError, tomllib.TOMLDecodeError):
+        return None
+    size = np.zeros(3)
+    for table in boundaries.values():
+        if table.get("type") in DRIVEN and "axes" not in table:
+            driven = np.abs(np.asarray(table["value"], dtype=float))
+            size[["xyz".index(axis) for axis in table["components"]]] += driven
+    if not size.any():
+        return None
+    return int(size.argmax())
+
+
+def axes_in_order(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], first: int | None = None) -> list[int]:
+    """Axes of spectra of sensors: ``first``, that of the shock, or where it is None that of the largest acceleration,
+    then the others as far as any sensor has more than a thousandth of the largest there."""
+    largest = np.max([spectrum.acceleration[0].max(axis=0) for spectrum, _ in spectra.values()], axis=0)
+    if first is None:
+        first = int(largest.argmax())
+    return [first, *(axis for axis in range(3) if axis != first and largest[axis] > FAINT * largest.max())]
 
 
 def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> Array:

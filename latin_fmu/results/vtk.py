@@ -205,7 +205,7 @@ def _substructure_piece(instant: xr.Dataset) -> _Piece:
 
 
 def _fields(instant: xr.Dataset, place: str) -> dict[str, NDArray[Any]]:
-    """Fields at the nodes or cells; tensors in the order of VTK, stresses with their von Mises value."""
+    """Fields at the nodes or cells; tensors in the order of VTK, stresses of cells with their von Mises value."""
     fields: dict[str, NDArray[Any]] = {}
     for name in (str(n) for n, variable in instant.data_vars.items() if variable.dims[:1] == (place,)):
         values = instant[name]
@@ -214,8 +214,8 @@ def _fields(instant: xr.Dataset, place: str) -> dict[str, NDArray[Any]]:
                 values = values.sel({tensor: _VTK_TENSOR})
         if name not in ("cell_nodes", "cell_shape"):
             fields[name] = _plain(values)
-        if "stress_component" in values.dims:
-            fields[name.replace("stress", "von_mises")] = von_mises(fields[name])
+        if name == "stress":  # the file has that of the stress at the nodes
+            fields["von_mises"] = von_mises(fields[name])
     return fields
 
 

@@ -94,7 +94,8 @@ Driven = PrescribedVelocity | PrescribedDisplacement | PrescribedAcceleration
 Boundary = Annotated[Fixed | Symmetry | Driven | Absorbing | Periodic, Field(discriminator="type")]
 
 
-_DRIVEN = ("velocity", "displacement", "acceleration")
+DRIVEN = ("velocity", "displacement", "acceleration")
+"""Types of conditions that move a face from outside."""
 
 
 def boundary_problems(raw: Any) -> Iterator[Problem]:
@@ -105,7 +106,7 @@ def boundary_problems(raw: Any) -> Iterator[Problem]:
         yield from face_problems(raw, f"{where}.face", table.get("face"))
         if kind == "periodic":
             yield from _periodic_problems(raw, where, table)
-        if kind in _DRIVEN:
+        if kind in DRIVEN:
             yield from _length_problems(where, table)
         for place, component in _imposed(raw, table):
             other = imposed.setdefault((place, component), name)
@@ -162,7 +163,7 @@ def _imposed(raw: Any, table: RawTable) -> Iterator[tuple[str, str]]:
         else:
             # the normal is known with the mesh only
             yield face, "symmetry"
-    elif kind == "fixed" or kind in _DRIVEN:
+    elif kind == "fixed" or kind in DRIVEN:
         default = []
         if kind == "fixed":
             default = list(AXES)

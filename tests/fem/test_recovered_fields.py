@@ -67,6 +67,7 @@ def check_tension(dataset: xr.Dataset, exactness: float) -> None:
     for name in ("stress", "nodal_stress"):
         wanted = np.array([0, 0, 2e6, 0, 0, 0])
         assert float(np.abs(last[name] - wanted).max()) < exactness * 2e6
+    np.testing.assert_allclose(dataset["nodal_von_mises"].isel(time=-1), 2e6, rtol=exactness)
     for name in ("principal_stress", "nodal_principal_stress"):
         assert float(np.abs(last[name] - np.array([2e6, 0, 0])).max()) < exactness * 2e6
     strain = last["strain"].sel(strain_component="xx")
@@ -104,6 +105,8 @@ def test_only_what_is_asked_for(tmp_path: Path) -> None:
         "displacement",
         "velocity",
         "strain",
+        "support",
+        "contact_edge",
         "cell_nodes",
         "cell_shape",
         "mesh",

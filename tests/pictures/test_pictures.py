@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,16 @@ from latin_fmu.cli import main
 from latin_fmu.errors import ResultsError
 from latin_fmu.fem.mesh import Array, box_mesh
 from latin_fmu.pictures.assembly_picture import _assembly, assembly_figure
-from latin_fmu.pictures.frame import Skin, View, draw, edges_of, shifts_apart, skin_of
+from latin_fmu.pictures.body_fields import (
+    STRESSES,
+    Look,
+    away,
+    base_motion,
+    largest_stresses,
+    nodal_stress,
+    stored_bodies,
+)
+from latin_fmu.pictures.frame import Skin, View, draw, edges_of, mapped, sharp_edges, shifts_apart, skin_of
 from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure, stored_instants
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
@@ -178,10 +188,10 @@ def results() -> Any:
 
 
 def test_bodies_of_results(results: Any) -> None:
-    labels = texts(result_figure(results, "bc"))
+    labels = texts(result_figure(results, look=Look("bc")))
     assert "bc: pressure on b" in labels
     assert "times as large" in labels
-    assert "drawn 7 times" in texts(result_figure(results, magnify=7.0, time=1e-6))
+    assert "drawn 7 times" in texts(result_figure(results, 1e-6, Look(magnify=7.0)))
 
 
 def test_without_interfaces_the_last_instant_is_drawn(results: Any) -> None:
@@ -194,11 +204,86 @@ def test_without_interfaces_the_last_instant_is_drawn(results: Any) -> None:
 
 def test_results_that_cannot_be_drawn(results: Any) -> None:
     with pytest.raises(ResultsError, match="allowed: ab, bc"):
-        result_figure(results, "cd")
+        result_figure(results, look=Look("cd"))
     bare = results.copy()
     del bare["substructures"]
     with pytest.raises(ResultsError, match=r"output\.fields=true"):
         result_figure(bare)
+
+
+@pytest.fixture(scope="module")
+def shaken() -> Any:
+    """A block on a driven one that starts under its weight: stresses at the nodes, and a base that moves."""
+    scene = tower()
+    scene["boundary"] = {
+        "base": {
+            "type": "acceleration",
+            "face": "a.zmin",
+            "components": ["x", "y", "z"],
+            "value": [3e4, 0.0, 4e4],
+            "law": {"type": "step"},
+        }
+    }
+    scene["output"] = {"nodal_stress": True}
+    return api.solve(scene_from_dict(scene)).to_datatree()
+
+
+def test_displacements_are_relative_to_a_base_that_moves(shaken: Any, results: Any) -> None:
+    bodies = stored_bodies(shaken)
+    instants = stored_instants(shaken)
+    time = instants[-1]
+    base = base_motion(bodies, np.array([time]))[0]
+    np.testing.assert_allclose(base / time**2, [1.5e4, 0.0, 2e4], rtol=0.2, atol=1.0)
+    held = bodies["a"]["support"].values == 1
+    np.testing.assert_allclose(bodies["a"]["displacement"].values[-1][held], np.tile(base, (held.sum(), 1)), rtol=1e-6)
+    assert "displacement relative to the base, drawn" in texts(result_figure(shaken))
+    # supports that move apart have no motion in common, bodies without supports none at all
+    apart = bodies["a"].copy(deep=True)
+    apart["displacement"][:, int(np.flatnonzero(held)[0])] += 1.0
+    assert not base_motion({"a": apart}, instants).any()
+    assert not base_motion(stored_bodies(results), instants).any()
+
+
+@pytest.mark.parametrize("stress", ["von_mises", "principal"])
+def test_bodies_are_coloured_by_stress(shaken: Any, results: Any, stress: str) -> None:
+    """The scale ends at the largest stress away from edges, at the instant of which the bodies are drawn."""
+    bodies, instants = stored_bodies(shaken, stress), stored_instants(shaken)
+    sizes = {n: np.stack([nodal_stress(d, stress, t) for t in instants]) for n, d in bodies.items()}
+    far = np.max([np.where(away(d), sizes[n], 0.0).max(axis=1) for n, d in bodies.items()], axis=0)
+    found = largest_stresses(bodies, stress, instants)
+    np.testing.assert_allclose(found[0], np.clip(far, 0.0, None), rtol=1e-6, atol=1.0)
+    assert (found[1] >= found[0]).all()
+    assert found[1].max() == pytest.approx(max(s.max() for s in sizes.values()), rel=1e-6)
+    figure = result_figure(shaken, look=Look(stress=stress))
+    words = texts(figure)
+    assert figure.axes[-1].get_xlabel().startswith(STRESSES[stress])
+    assert "away from edges of contacts up to" in words
+    assert figure.get_suptitle() == result_figure(shaken, float(instants[far.argmax()])).get_suptitle()
+    with pytest.raises(ResultsError, match=r"output\.nodal_stress=true"):
+        result_figure(results, look=Look(stress=stress))
+
+
+def test_fields_are_drawn_between_the_nodes() -> None:
+    """A field that rises across one facet has the colour of its middle there; without one the body has its own."""
+    skin = block([0, 0, 0], [1, 1, 1], 1, RED)
+    share = skin.points[:, 0].copy()
+    above = View.at(-90.0, 90.0)
+    coloured = pixel([replace(skin, field=(share, "viridis"))], above, [0.52, 0.46, 1.0])
+    np.testing.assert_allclose(coloured, mapped("viridis", np.array([0.52]))[0], atol=0.12)
+    plain = pixel([replace(skin, field=(np.full(8, np.nan), "viridis"))], above, [0.52, 0.46, 1.0])
+    assert plain[0] > 0.8
+    assert plain[1:].max() < 0.1
+
+
+@pytest.mark.parametrize(("sides", "drawn"), [(6, True), (7, False)])
+def test_facets_around_a_circle_are_no_edges(sides: int, drawn: bool) -> None:
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(sides)], axis=1)
+    k = np.arange(sides)
+    facets = np.stack([k, (k + 1) % sides, (k + 1) % sides + sides, k + sides], axis=1)
+    skin = Skin(np.concatenate([ring, ring + np.array([0.0, 0.0, 1.0])]), facets, np.zeros((sides, 3)))
+    upright = np.ptp(sharp_edges(skin) % sides, axis=1)
+    assert (upright == 0).sum() == sides * drawn
 
 
 @pytest.mark.parametrize(("factor", "rounded"), [(0.2, 1.0), (1.0, 1.0), (19.9, 10.0), (51.0, 50.0), (4e5, 2e5)])

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import latin_fmu
 from latin_fmu import api
 from latin_fmu.cli import main
 from latin_fmu.fem.mesh import Array
@@ -115,6 +116,33 @@ def test_fields_of_interfaces(tree: xr.DataTree) -> None:
     titles = [panel["title"] for panel in head["curves"]]
     assert titles[:2] == ["normal force (compression > 0)", "friction force"]
     assert "top: velocity, unfiltered" in titles
+
+
+def test_stresses_of_bodies() -> None:
+    """Of a file that has them: shares of the largest away from edges of contacts, which larger ones are cut to."""
+    scene = {
+        "name": "rod",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {"rod": {"material": "steel", "box": {"size": [0.01, 0.01, 0.04], "elements": [2, 2, 8]}}},
+        "boundary": {"base": {"type": "fixed", "face": "rod.zmin"}},
+        "load": {"bend": {"face": "rod.zmax", "traction": [1e7, 0.0, 0.0]}},
+        "time": {"end": 1.0, "instants": 1, "quasi_static": True},
+        "output": {"nodal_stress": True},
+    }
+    stored = latin_fmu.solve(latin_fmu.scene_from_dict(scene)).to_datatree()
+    head, block = contents(viewer.page(stored))
+    assert not head["relative"]
+    rod = stored["substructures/rod"]
+    scale, edge = head["stresses"]["von_mises"], rod["contact_edge"].values == 1
+    mises = rod["nodal_von_mises"].values
+    assert scale["largest"] == pytest.approx(mises[:, ~edge].max())
+    assert scale["beyond"] == pytest.approx(mises.max())
+    (body,) = head["bodies"]
+    points = array(block, body["points"], "<f4").reshape(-1, 3) * head["size"] + [5e-3, 5e-3, 2e-2]
+    nodes = np.stack([rod[f"node_{x}"].values for x in "xyz"], axis=1)
+    number = np.array([np.linalg.norm(nodes - p, axis=1).argmin() for p in points])
+    shares = array(block, body["stresses"]["von_mises"], "<u2").reshape(2, -1) / 65535
+    np.testing.assert_allclose(shares, np.clip(mises[:, number] / scale["largest"], 0.0, 1.0), atol=1e-4)
 
 
 def test_bodies_move_apart_upwards(tree: xr.DataTree) -> None:

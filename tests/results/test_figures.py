@@ -17,6 +17,7 @@ import latin_fmu
 from latin_fmu.cli import main
 from latin_fmu.errors import ResultsError
 from latin_fmu.parametric.figure import study_figure
+from latin_fmu.pictures.body_fields import Look
 from latin_fmu.pictures.result_picture import Window, bodies_in_motion, map_figure, map_in_motion, save_film
 from latin_fmu.pictures.style import PRESSURE, SEQUENTIAL, curve_styles, styled
 from latin_fmu.pictures.summary_picture import STATUS_COLOURS, summary_figure
@@ -112,7 +113,7 @@ def test_a_map_shows_the_instant_of_the_largest_force(tree: xr.DataTree) -> None
 
 def test_maps_and_bodies_keep_scales_and_limits_over_a_film(tree: xr.DataTree) -> None:
     instants = tree["interfaces/crush"]["time"].values[[4, 12]]
-    for figure, drawn in (map_in_motion(tree, "crush", instants), bodies_in_motion(tree, "crush", instants, None)):
+    for figure, drawn in (map_in_motion(tree, "crush", instants), bodies_in_motion(tree, instants, Look("crush"))):
         looks = []
         for time in instants:
             drawn(float(time))
@@ -126,7 +127,7 @@ def test_a_film_has_its_frames(tree: xr.DataTree, maps: bool, tmp_path: Path) ->
     from PIL import Image
 
     shares: list[float] = []
-    save_film(tree, tmp_path / "film.gif", Window(1e-6, 3e-6, 2), "crush", None, maps, shares.append)
+    save_film(tree, tmp_path / "film.gif", Window(1e-6, 3e-6, 2), Look("crush"), maps, shares.append)
     assert shares == [0.5, 1.0]
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 2

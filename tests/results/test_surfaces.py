@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import meshio
 import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.pictures.result_picture import _direction, map_figure
+from latin_fmu.results.dataset import _plane_axes
 from latin_fmu.results.interface_fields import slip_in_contact
 from latin_fmu.results.vtk import export_vtu
 
@@ -103,6 +107,23 @@ def test_xugrid_opens_and_plots_it(face: str, tmp_path: Path) -> None:
     on_faces = crush["contact_status"].isel(time=-1).ugrid.to_face()
     assert on_faces.sizes["cell"] == 4
     tree.close()
+
+
+def test_maps_have_the_axes_and_the_origin_of_the_scene() -> None:
+    """A face across x has y and z along its axes; an inclined one says where its axes point."""
+    tree = latin_fmu.solve(side_by_side()).to_datatree()
+    crush = tree["interfaces/crush"].to_dataset()
+    np.testing.assert_array_equal(crush["surface_x"], crush["y"])
+    np.testing.assert_array_equal(crush["surface_y"], crush["z"])
+    figure = map_figure(tree)
+    assert (figure.axes[0].get_ylabel(), figure.axes[2].get_xlabel()) == ("z (mm)", "y (mm)")
+    assert "crush at x = 10.00 mm" in figure.get_suptitle()
+    turn = np.array([[np.sqrt(0.75), 0.0, 0.5], [0.0, 1.0, 0.0], [-0.5, 0.0, np.sqrt(0.75)]])
+    flat = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 1.0, 1.0], [0.0, 1.0, 1.0]])
+    history: Any = SimpleNamespace(areas=np.ones(4), points=flat @ turn.T)
+    np.testing.assert_allclose(_plane_axes(history), [turn[:, 1], turn[:, 0]], atol=1e-12)
+    coordinate = crush["surface_x"].assign_attrs(direction=turn[:, 0])
+    assert _direction(coordinate) == "along (0.87, 0, -0.5)"
 
 
 def side_by_side() -> latin_fmu.Scene:
