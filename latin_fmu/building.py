@@ -82,16 +82,30 @@ def started(
     ----------
     amplitudes : at t = 0, as for ``build``. stages : for derivatives, the static ones are added to these.
     """
-    from .statics.displaced_starts import displaced_start
-    from .statics.prestressed import stressed_by_loads, with_prestress
-    from .statics.starts import undisplaced_equilibrium
-
     if discretised.scene.time.start.type != "static":
-        return stressed_by_loads(discretised, amplitudes, stages is not None), None
+        return _stressed_by_loads(discretised, amplitudes, stages is not None), None
+    from .statics.displaced_starts import displaced_start
+    from .statics.prestressed import with_prestress
+    from .statics.starts import undisplaced_equilibrium
 
     state = undisplaced_equilibrium(discretised, amplitudes, stages)
     discretised, state = with_prestress(discretised, state, amplitudes, stages is not None)
     return discretised, displaced_start(discretised, state)
+
+
+def _stressed_by_loads(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], restricted: bool = False
+) -> DiscretisedProblem:
+    """The problem of a scene that starts from initial values with the stiffness of the stress of what acts at t = 0;
+    ``restricted`` : whether derivatives are taken."""
+    from .statics.loads_at_start import loaded_at_rest
+
+    at_rest = loaded_at_rest(discretised, amplitudes)
+    if at_rest is None:
+        return discretised
+    from .statics.prestressed import stressed_by_loads
+
+    return stressed_by_loads(discretised, at_rest, amplitudes, restricted)
 
 
 def solver_ready(
@@ -243,11 +257,11 @@ def clamped(
     """
     if joints != "sticking":
         return problem, None
-    from .statics.prestressed import stressed_by_loads, stressed_problem
-
     state = start_state(scene)
     if state is None:
-        return stressed_by_loads(problem, {}), None
+        return _stressed_by_loads(problem, {}), None
+    from .statics.prestressed import stressed_problem
+
     return stressed_problem(problem, state), state
 
 

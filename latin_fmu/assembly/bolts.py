@@ -108,6 +108,10 @@ class BoltCut:
             return self.area
         return self.share * self.thread_area
 
+    def stressed(self, pattern: Array, stiffness: float) -> BoltCut:
+        """The cut of a shank whose stress adds (n_full,) to g and a number, N m-1, to k."""
+        return replace(self, pattern=self.pattern + pattern, stiffness=self.stiffness + stiffness)
+
     def loads(self) -> LoadTerm:
         """Load term of the bolt: amplitude delta, F while it is loose."""
         return LoadTerm(self.load, self.pattern / self.stiffness if self.loose else self.pattern)
@@ -318,6 +322,7 @@ class OpenedMesh:
         added = []
         shifts = []
         n = mesh.n_node
+        self._jumps: dict[str, tuple[slice, Array]] = {}
         for cut in cuts:
             copies = np.arange(mesh.n_node)
             copies[cut.nodes] = n + np.arange(len(cut.nodes))
@@ -328,6 +333,7 @@ class OpenedMesh:
                 # nodes that an earlier cut has doubled stay
                 cells[rows] = np.where(corners < mesh.n_node, copies[np.minimum(corners, mesh.n_node - 1)], corners)
                 first += len(cells)
+            self._jumps[cut.name] = slice(n, n + len(cut.nodes)), cut.axis
             n += len(cut.nodes)
             added.append(cut.nodes)
             shifts.append(np.tile(-shortening.get(cut.name, 0.0) * cut.axis, (len(cut.nodes), 1)))
@@ -343,6 +349,13 @@ class OpenedMesh:
         n = len(self.mesh.nodes) - len(self._twins)
         owners = np.concatenate([np.arange(n), self._twins])
         return sp.csr_array((np.ones(len(owners)), (np.arange(len(owners)), owners)), shape=(len(owners), n))
+
+    def jumps(self) -> Iterator[tuple[str, Array]]:
+        """Motion (n_node and nodes beyond the cuts, 3) of the nodes beyond each cut by 1 along its axis, by bolt."""
+        for name, (twins, axis) in self._jumps.items():
+            jump = np.zeros((len(self.mesh.nodes), 3))
+            jump[twins] = axis
+            yield name, jump
 
     def recovery(self, shape: Shape) -> Recovery:
         """Strains of the elements and stresses at the nodes."""

@@ -40,8 +40,15 @@ class Prestress:
         return OperatorPattern([stiffness, matrix]).sum([1.0, 1.0], [stiffness, matrix])
 
 
-def body_stiffness(body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh | None) -> sp.csr_array:
-    """K_sigma (3 n_node, 3 n_node), N m-1, of an elastic body.
+Cuts = dict[str, tuple[Array, float]]
+"""What K_sigma adds to the pattern g, (n_full,), and the stiffness k of the cut of a bolt, N m-1, by bolt."""
+
+
+def body_stiffness(
+    body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh | None
+) -> tuple[sp.csr_array, Cuts]:
+    """K_sigma (3 n_node, 3 n_node), N m-1, of an elastic body, and what it is of the jumps in the cuts of its bolts: a
+    shank is as stiff against them with its stress as against all other motions.
 
     Parameters
     ----------
@@ -50,13 +57,17 @@ def body_stiffness(body: Body, displacement: Array, unstrained: Array, opened: O
     """
     shape, nodal = body.shape, displacement.reshape(-1, 3)
     if opened is None:
-        return geometric_stiffness(shape.elements, shape.elasticity, nodal, unstrained, shape.bending_modes)
+        return geometric_stiffness(shape.elements, shape.elasticity, nodal, unstrained, shape.bending_modes), {}
     elements, apart = Elements(opened.mesh, shape.moduli), opened.displacement(nodal)
     matrix = geometric_stiffness(elements, shape.elasticity, apart, unstrained, shape.bending_modes)
     together = sp.csr_array(sp.kron(opened.merging, sp.eye_array(3)))
     merged = sp.csr_array(together.T @ matrix @ together)
     merged.sort_indices()
-    return merged
+    cuts: Cuts = {}
+    for name, jump in opened.jumps():
+        pulled = matrix @ jump.ravel()
+        cuts[name] = np.asarray(together.T @ pulled), float(jump.ravel() @ pulled)
+    return merged, cuts
 
 
 def rigid_stiffness(points: Array, forces: Array, nodal: Array) -> sp.csr_array:

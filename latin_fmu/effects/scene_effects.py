@@ -264,7 +264,7 @@ def static_start(p: Prediction) -> Effect:
 
 def prestress(p: Prediction) -> Effect:
     """Geometric stiffness of the stress of t = 0."""
-    from ..statics.prestressed import loaded_at_rest
+    from ..statics.loads_at_start import loaded_at_rest
 
     name, why, choice = "stiffness of stress", ("effects.prestress",), p.scene.effects.prestress
     if choice == "off":

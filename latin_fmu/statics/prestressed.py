@@ -19,7 +19,7 @@ K_sigma is that of t = 0: loads, bolts and contacts that change it much during t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -31,7 +31,7 @@ from ..assembly.body import Body, body_sides
 from ..assembly.conditions import RigidConditions
 from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept, load_terms
-from ..assembly.prestress import Prestress, body_stiffness, rigid_stiffness
+from ..assembly.prestress import Cuts, Prestress, body_stiffness, rigid_stiffness
 from ..assembly.problem import DiscretisedProblem, settings_of
 from ..errors import SceneError, SolverError
 from ..fem.elements import rigid_modes
@@ -40,22 +40,17 @@ from ..joined.joined_assembly import JoinedAssembly, pressed_of
 from ..joined.stress_ratios import StressRatios, known_ratio, stress_ratios
 from ..joined.tied_assembly import TieError
 from ..remarks import remarks_of
-from ..scene.fields import ALL_OF_IT
-from ..scene.settings import StaticStart
 from .equilibrium import equilibrium_at_once
+from .loads_at_start import NEGLIGIBLE, STOUT, thickness
 from .places_at_rest import least_displaced
 from .starts import undisplaced_equilibrium
-from .statics import something_acts, start_problems, static_problem, static_scene, static_size
+from .statics import static_problem, static_scene, static_size
 
-NEGLIGIBLE: Final = 0.01
-"""Change of a natural frequency below which stress is left out."""
 _SURE: Final = 0.75  # of that, with the modes of another run
 _NEAR: Final = 2.0  # load factor of buckling below which a linear equilibrium is doubtful
 _UNMOVED: Final = 1e-6
 """Of the largest motion of a mode, that of sides which keep touching."""
 _FAR: Final = 100.0  # load factor of buckling above which it is not named
-_STOUT: Final = 6.0
-"""Strain times square of slenderness over mu: columns that are clamped at one end have less."""
 
 
 def with_prestress(
@@ -90,7 +85,7 @@ def stressed_problem(
     automatic, kept = choice == "automatic", problem.kept
     if automatic and _stout(problem, state):
         return problem
-    stiffness = dict(_stiffnesses(problem, state))
+    stiffness, of_cuts = _stiffnesses(problem, state)
     if not stiffness or (automatic and _known_to_be_small(problem, stiffness)):
         return problem
     ratios = _ratios(problem, state, stiffness)
@@ -114,7 +109,9 @@ def stressed_problem(
     period = ratios.period if ratios.largest >= 2.0 * NEGLIGIBLE else np.inf
     pressure = {name: -traction[:, 0] for name, traction in state.traction.items()}
     prestress = Prestress(stiffness, words, period, _drives(problem, stiffness), pressure)
-    return replace(problem, prestress=prestress, remarks=remarks).with_classes()
+    stressed = {name: cut.stressed(*of_cuts[name]) for name, cut in problem.cuts.items() if name in of_cuts}
+    cuts = {**problem.cuts, **stressed}
+    return replace(problem, prestress=prestress, cuts=cuts, remarks=remarks).with_classes()
 
 
 def _drives(problem: DiscretisedProblem, stiffness: Mapping[str, sp.csr_array]) -> dict[str, float]:
@@ -133,17 +130,15 @@ def _drives(problem: DiscretisedProblem, stiffness: Mapping[str, sp.csr_array]) 
 
 
 def stressed_by_loads(
-    problem: DiscretisedProblem, amplitudes: Mapping[str, float], restricted: bool = False
+    problem: DiscretisedProblem, at_rest: DiscretisedProblem, amplitudes: Mapping[str, float], restricted: bool = False
 ) -> DiscretisedProblem:
     """The problem of a scene that starts from initial values with the geometric stiffness of the equilibrium that what
     acts at t = 0 would have, bodies with a velocity left out; as it is where there is no such equilibrium, where its
-    stress does not count, or the scene leaves it out (parameters and errors: ``with_prestress``).
+    stress does not count, or the scene leaves it out (other parameters and errors: ``with_prestress``).
 
-    The motion is about that state and does not begin in it: loads that are there at t = 0 act at once.
+    at_rest : from ``loaded_at_rest``. The motion is about that state and does not begin in it: loads that are there at
+    t = 0 act at once.
     """
-    at_rest = loaded_at_rest(problem, amplitudes)
-    if at_rest is None:
-        return problem
     try:
         state = undisplaced_equilibrium(at_rest, amplitudes)
     except (SceneError, SolverError) as error:
@@ -154,39 +149,7 @@ def stressed_by_loads(
         return problem
     words = "the motion begins from initial values, and the stress is that of the equilibrium of what acts at t = 0"
     remarks = (*stressed.remarks, *remarks_of("prestress", [words]))
-    return replace(problem, prestress=stressed.prestress, remarks=remarks).with_classes()
-
-
-def loaded_at_rest(problem: DiscretisedProblem, amplitudes: Mapping[str, float]) -> DiscretisedProblem | None:
-    """The problem of a scene that starts from initial values with the static start that stresses its bodies; None where
-    nothing acts at t = 0, where bodies are thrown or held by nothing, where the loads are too small for their stress to
-    count, or where the scene leaves it out."""
-    scene = problem.scene
-    if scene.effects.prestress == "off" or scene.time.quasi_static:
-        return None
-    resting = scene.model_copy(update={"time": scene.time.model_copy(update={"start": StaticStart()})})
-    conditions = {name: problem.conditions[name] for name in problem.bodies}
-    if any(start_problems(resting, dict(problem.bodies), conditions, list(problem.units))):
-        return None
-    if not something_acts(static_scene(resting, amplitudes)):
-        return None
-    at_rest = replace(problem, scene=resting)
-    if scene.effects.prestress == "automatic" and _little(at_rest, amplitudes):
-        return None
-    return at_rest
-
-
-def _little(problem: DiscretisedProblem, amplitudes: Mapping[str, float]) -> bool:
-    """Whether the loads of t = 0 are too small for their stress to count, bent parts of the size of the assembly
-    included; rigid bodies, which have no vibrations, aside."""
-    size, strain = static_size(problem, amplitudes), 0.0
-    nodes = np.concatenate([body.mesh.nodes for body in problem.bodies.values()])
-    length = float(np.linalg.norm(np.ptp(nodes, axis=0)))
-    for body in problem.bodies.values():
-        if not body.rigid:
-            slender = length / _thickness(body)
-            strain = max(strain, size / body.shape.elasticity.young_moduli[0] * slender**3)
-    return _STOUT * strain <= 2.0 * NEGLIGIBLE
+    return replace(problem, prestress=stressed.prestress, cuts=stressed.cuts, remarks=remarks).with_classes()
 
 
 def _ratios(problem: DiscretisedProblem, state: InitialState, stiffness: Mapping[str, sp.csr_array]) -> StressRatios:
@@ -270,18 +233,23 @@ def _distance(first: InitialState, second: InitialState) -> float:
     return apart / largest
 
 
-def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> Iterator[tuple[str, sp.csr_array]]:
-    """K_sigma of every body that the state stresses, by name."""
+def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> tuple[dict[str, sp.csr_array], Cuts]:
+    """K_sigma of every body that the state stresses, by name, and what it adds to the cuts of bolts."""
+    matrices: dict[str, sp.csr_array] = {}
+    cuts: Cuts = {}
     for name, body in problem.bodies.items():
         if name not in state.displacement:
             continue
+        matrix: sp.csr_array | None
         if body.rigid:
             matrix = _of_rigid(problem, state, body)
         else:
             opened = problem.opened(name, state.bolts.shortening)
-            matrix = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
+            matrix, of_cuts = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
+            cuts |= of_cuts
         if matrix is not None and matrix.count_nonzero():
-            yield name, matrix
+            matrices[name] = matrix
+    return matrices, cuts
 
 
 def _unstrained(problem: DiscretisedProblem, body: Body) -> Array:
@@ -337,14 +305,9 @@ def _stout(problem: DiscretisedProblem, state: InitialState) -> bool:
         stress = recovery.nodal_stress(nodal[None])[0]
         largest = float(np.abs(stress).max() + np.abs(_unstrained(problem, body)).max())
         strain = largest / body.shape.elasticity.young_moduli[0]
-        if _STOUT * strain * (size / _thickness(body)) ** 2 > 2.0 * NEGLIGIBLE:
+        if STOUT * strain * (size / thickness(body)) ** 2 > 2.0 * NEGLIGIBLE:
             return False
     return True
-
-
-def _thickness(body: Body) -> float:
-    """Twice the volume over the surface, m: that of a plate."""
-    return 2.0 * float(body.shape.elements.volume.sum()) / float(body.face(ALL_OF_IT).areas.sum())
 
 
 def _refuse_buckled(ratios: StressRatios) -> None:

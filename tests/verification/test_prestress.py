@@ -517,3 +517,36 @@ def test_the_matrix_of_a_stressed_box() -> None:
     assert np.abs(matrix @ moves[:, :3]).max() < 1e-12
     expected = 6.0 * (np.trace(stress) * np.eye(3) - stress)
     assert moves[:, 3:].T @ matrix @ moves[:, 3:] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def stud(force: float, choice: str = "automatic") -> latin_fmu.Scene:
+    """A slender stud between rigid walls, tightened by its cut."""
+    box = {"origin": [0.0, 0.0, 0.0], "size": [0.008, 0.008, 0.2], "elements": [2, 2, 40]}
+    return latin_fmu.scene_from_dict(
+        {
+            "name": "stud",
+            "material": {"steel": STEEL},
+            "substructure": {"stud": {"material": "steel", "bending_modes": True, "box": box}},
+            "boundary": {end: {"type": "fixed", "face": f"stud.{end}"} for end in ("zmin", "zmax")},
+            "bolt": {"cut": {"substructure": "stud", "axis": [0.0, 0.0, 1.0], "force": force}},
+            "effects": {"prestress": choice},
+            "output": {"reactions": True},
+            "time": {"end": 2e-4, "step": 2e-5, "start": START},
+        }
+    )
+
+
+def test_a_slender_bolt_keeps_its_tension() -> None:
+    """The jump in the cut of a bolt is a motion like all others: with the stiffness of its stress it pulls as much as
+    the rest of the shank. The frequency of the beam between walls grows with its tension."""
+    force = 15e3
+    solution = latin_fmu.solve(stud(force))
+    assert any("changes natural frequencies" in warning for warning in solution.warnings)
+    # its shortening is kept: the stress of the stretched shank adds its strain
+    assert solution.bolts["cut"].force == pytest.approx(force * (1.0 + force / 0.008**2 / 210e9), rel=2e-4)
+    reaction = np.asarray(solution.reactions["zmax"].force)[-1]
+    assert abs(reaction[2]) == pytest.approx(force, rel=3e-3)
+    # of a clamped beam: f^2 = f_0^2 (1 + 0.0246 N L^2 / (E I)) for small tensions
+    lower, upper = (latin_fmu.vibration_modes(stud(force, choice), count=1).frequency[0] for choice in ("off", "on"))
+    parameter = force * 0.2**2 / (210e9 * 0.008**4 / 12.0)
+    assert (upper / lower) ** 2 - 1.0 == pytest.approx(0.0246 * parameter, rel=3e-2)
