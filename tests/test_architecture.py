@@ -38,7 +38,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cholesky", "laws"),
     ("kernels",),
     ("fem", "interface", "time_scheme"),
-    ("decks",),
+    ("decks", "cad"),
     ("propagator",),
     ("latin",),
     ("results",),
@@ -60,7 +60,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "__main__", "inside"),
 )
 NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
-MAPPED = ("checks", "cosim", "kernels", "latin", "propagator", "statics")  # rooms whose docstring lists their modules
+MAPPED = ("cad", "checks", "cosim", "kernels", "latin", "propagator", "statics")  # rooms whose docstring lists their modules
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
 FILE_CALLS = {
     "open",
