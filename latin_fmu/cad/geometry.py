@@ -24,7 +24,6 @@ _GRID: Final = 5  # places of a face along each of its parameters
 _ALONG: Final = 9  # places of an edge
 _ROUND: Final = 2e-3  # of the radius: from a cylinder at most
 _LEAST_TURN: Final = 0.03
-_DEFAULT: Final = (0, 0, 255)  # colour of gmsh for what has none
 
 
 def start(gmsh: Any) -> None:
@@ -90,7 +89,7 @@ def _part(gmsh: Any, tag: int, said: StepText) -> CadPart:
     edges = {abs(e) for _, e in gmsh.model.getBoundary([(2, f) for f in faces], combined=False, oriented=False)}
     path = path_of(gmsh.model.getEntityName(3, tag))
     box = occ.getBoundingBox(3, tag)
-    colour = tuple(int(c) for c in gmsh.model.getColor(3, tag)[:3])
+    *colour, opacity = (int(c) for c in gmsh.model.getColor(3, tag))
     rounds = [cylinder for face in faces if (cylinder := round_face(gmsh, face)) is not None]
     product = path[-1] if path else ""
     return CadPart(
@@ -102,7 +101,7 @@ def _part(gmsh: Any, tag: int, said: StepText) -> CadPart:
         centre=_triple(occ.getCenterOfMass(3, tag)),
         low=_triple(box[:3]),
         high=_triple(box[3:]),
-        colour=None if colour == _DEFAULT and not path else colour,  # type: ignore[arg-type]
+        colour=tuple(colour) if opacity else None,  # type: ignore[arg-type]
         cylinders=tuple(merged(rounds)),
         outline=np.concatenate([_along(gmsh, edge) for edge in sorted(edges)] or [np.zeros((0, 3))]),
         smallest=min(areas) ** 0.5,

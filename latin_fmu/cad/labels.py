@@ -15,7 +15,7 @@ from ..scene.substructures import part_name
 from .facts import CadPart
 
 _ROOT: Final = "Shapes"
-_TRAILING: Final = re.compile(r"(?:\s*&)+\s*\w*$|\s+\d+$")  # "bolt & & 256"
+_TRAILING: Final = re.compile(r"(?:\s*&)+\s*\w*$")  # "bolt & & 256"
 _MARK: Final = re.compile(r"=>\[.*\]$")
 _SHAPELESS: Final = frozenset({"solid", "compound", "compsolid", "shell", "open_cascade_step_translator", "body"})
 _VERSION: Final = re.compile(r"^(open[ _]cascade.*|none|unnamed|no[ _]name)$", re.IGNORECASE)

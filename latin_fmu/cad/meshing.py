@@ -123,7 +123,9 @@ class Mesher:
             sizes.volumes[self._numbers[part.name]] = size
             screws = [s for s in self._assembly.screws if s.used and part.name in (s.part, *s.threads, *s.clamped)]
             for face in self._skins.faces[part.name]:
-                if face not in self._rounds[part.name] and (radius := self._radius(face)) is not None:
+                radius = self._radius(face)
+                sizes.faces[face] = size
+                if radius is not None:
                     sizes.faces[face] = min(size, max(2.0 * np.pi * radius / _ROUND, _FLOOR * size))
             for face, cylinder in self._rounds[part.name].items():
                 around = 2.0 * np.pi * cylinder.radius
@@ -131,14 +133,15 @@ class Mesher:
                     sizes.faces[face] = min(size, around / (turn * finer))
                 else:
                     sizes.faces[face] = min(size, max(around / _ROUND, _FLOOR * size))
+        edges: dict[int, list[float]] = {}
         for sides in self.contacts.values():
             for name, faces in sides.items():
-                size = self._size(name, coarser)
+                size = part_size(self._assembly.by_name[name], self._wishes)
                 flat = [face for face in faces if face not in self._rounds[name]]
                 area = sum(float(self._gmsh.model.occ.getMass(2, face)) for face in flat)
                 for face in flat:
-                    edge = min(size, coarser * area**0.5 / (CONTACT * finer))
-                    sizes.faces[face] = min(edge, sizes.faces.get(face, edge))
+                    edges.setdefault(face, []).append(coarser * min(size, area**0.5 / (CONTACT * finer)))
+        sizes.faces |= {face: min(found) for face, found in edges.items()}
         return sizes
 
     def _size(self, name: str, coarser: float) -> float:
@@ -173,7 +176,7 @@ class Mesher:
                 number = field.add("Constant")
                 field.setNumber(number, "VIn", size)
                 field.setNumbers(number, key, sorted(tags))
-                field.setNumber(number, "IncludeBoundary", boundary or 1)
+                field.setNumber(number, "IncludeBoundary", boundary)
                 fields.append(number)
         least = field.add("Min")
         field.setNumbers(least, "FieldsList", fields)
@@ -183,7 +186,7 @@ class Mesher:
             ("MeshSizeFromCurvature", 0),
             ("MeshSizeExtendFromBoundary", 0),
             ("MeshSizeMin", min(smallest, _FLOOR * max(sizes.volumes.values()))),
-            ("MeshSizeMax", max(sizes.volumes.values())),
+            ("MeshSizeMax", max([*sizes.volumes.values(), *sizes.faces.values()])),
             ("Algorithm", 6),
             ("Algorithm3D", 1),
             ("ElementOrder", 1),

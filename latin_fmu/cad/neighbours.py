@@ -167,11 +167,11 @@ def _common(gmsh: Any, one: int, other: int) -> float:
     return volume
 
 
-def overlaps_and_gaps(pairs: Sequence[CadPair]) -> Iterator[str]:
-    """What is said of pairs that overlap, and of clearances."""
+def overlaps_and_gaps(pairs: Sequence[CadPair], screwed: Sequence[frozenset[str]]) -> Iterator[str]:
+    """What is said of pairs that overlap, and of clearances; not of screws and the holes around them, ``screwed``."""
     for pair in pairs:
-        if pair.overlap > 0.0:
+        if pair.overlap > 0.0 and frozenset(pair.parts) not in screwed:
             yield f"{pair.parts[0]} and {pair.parts[1]} overlap by {pair.overlap:.4g} mm3"
     for pair in pairs:
-        if pair.gap > 0.0:
+        if pair.gap > 0.0 and frozenset(pair.parts) not in screwed:
             yield f"{pair.parts[0]} and {pair.parts[1]} are {pair.gap:.4g} mm apart"

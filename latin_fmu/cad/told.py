@@ -15,7 +15,9 @@ _MOST = 12  # lines of one kind
 
 def told(assembly: CadAssembly) -> list[str]:
     """Lines for a user."""
-    return [*_parts(assembly), *_limited(list(overlaps_and_gaps(assembly.pairs))), *_screws(assembly), *_mesh(assembly)]
+    screwed = [frozenset({s.part, other}) for s in assembly.screws if s.used for other in (*s.threads, *s.clamped)]
+    beside = list(overlaps_and_gaps(assembly.pairs, screwed))
+    return [*_parts(assembly), *_limited(beside), *_screws(assembly), *_mesh(assembly)]
 
 
 def _parts(assembly: CadAssembly) -> Iterator[str]:
