@@ -60,7 +60,15 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "__main__", "inside"),
 )
 NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
-MAPPED = ("cad", "checks", "cosim", "kernels", "latin", "propagator", "statics")  # rooms whose docstring lists their modules
+MAPPED = (
+    "cad",
+    "checks",
+    "cosim",
+    "kernels",
+    "latin",
+    "propagator",
+    "statics",
+)  # rooms whose docstring lists their modules
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
 FILE_CALLS = {
     "open",

@@ -10,13 +10,14 @@ geometry      solids of a file by gmsh
 neighbours    parts that touch, are apart or overlap
 screws        screws among the parts, their threads and what they clamp
 imprint       faces split along the outline of what touches them
-meshing       sizes, second order, cells that are inside out, names of faces
+meshing       sizes, second order, names of faces
+repair        cells that are inside out
 making        all of this in a row, in the process of gmsh
 scene_text    the scene that a user goes on with
 record        what a mesh was made from, and what has changed since
 told          what the command prints
 ============  =================================================================================================
 
-gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, imprint, meshing and making run
-in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
+gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, imprint, meshing, repair and
+making run in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
 """

@@ -164,7 +164,8 @@ class CadAssembly:
     ----------
     file : its name. unit : of length in the file, "mm", "in". scale : m for a unit of the mesh. parts, pairs, screws :
         of it. left_out : what is no part, in words, by kind. remarks : on the parts. faces : names of the faces of the
-        mesh by part. ends : area, mm2, of end faces that nothing touches, "part.face". counts : figures of the mesh, by what is counted. seconds : of processor time, by stage.
+        mesh by part. ends : area, mm2, of end faces that nothing touches, "part.face". counts : figures of the mesh, by
+        what is counted. seconds : of processor time, by stage.
     """
 
     file: str

@@ -8,7 +8,7 @@ the order of their paths, then of their places.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from ..scene.substructures import part_name
@@ -58,7 +58,7 @@ def named(parts: Sequence[CadPart], before: Iterable[CadPart] = ()) -> list[str]
     """
     names: dict[int, str] = {}
     free = list(before)
-    tests = (
+    tests: tuple[Callable[[CadPart, CadPart], bool], ...] = (
         lambda a, b: a.path == b.path and a.same_place(b) and a.same_shape(b),
         lambda a, b: a.path == b.path and a.same_place(b),
         lambda a, b: a.path == b.path and a.same_shape(b),

@@ -38,7 +38,7 @@ class MeshJob:
     source: Path
     target: Path
     unit: str | None = None
-    wishes: MeshWishes = MeshWishes()
+    wishes: MeshWishes = field(default_factory=MeshWishes)
     before: Sequence[CadPart] = field(default_factory=list)
 
 
@@ -47,7 +47,8 @@ def mesh_assembly(job: MeshJob) -> CadAssembly:
 
     Raises
     ------
-    MeshError : gmsh is missing; a file that cannot be read, holds no solids or names no unit; a part that is not meshed.
+    MeshError : gmsh is missing; a file that cannot be read, holds no solids or names no unit; a part without a
+        mesh.
     """
     gmsh = _library(job.source)
     clock = time.process_time()
@@ -132,14 +133,9 @@ def _unit(job: MeshJob, said: StepText) -> tuple[str, float]:
 
 
 def _remarks(assembly: CadAssembly, wishes: MeshWishes) -> Iterator[str]:
-    """What is said of parts: small faces, two solids of one name, modelled helices, mirrored ones."""
+    """What is said of parts: faces that are small beside the edges of the mesh."""
     for part in assembly.parts:
         size = part_size(part, wishes)
         if part.smallest < _SMALL * size:
-            yield f"{part.name}: its smallest face is {part.smallest:.3g} mm, below a tenth of its edges of {size:.3g} mm"
-    paths: dict[tuple[str, ...], list[str]] = {}
-    for part in assembly.parts:
-        paths.setdefault(part.path, []).append(part.name)
-    for path, names in paths.items():
-        if path and len(names) > 1:
-            yield f"{', '.join(names)}: {len(names)} solids under one name of the file, {'/'.join(path)}"
+            edges = f"below a tenth of its edges of {size:.3g} mm"
+            yield f"{part.name}: its smallest face is {part.smallest:.3g} mm, {edges}"

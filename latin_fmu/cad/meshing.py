@@ -2,13 +2,11 @@
 
 Sizes are edges in mm. A part has ``THICKNESS`` thicknesses or ``ACROSS`` edges along its box, whichever is smaller; a
 round face has edges of its circumference over a count; a contact face has ``CONTACT`` edges along its root area. Where
-the contacts would have more unknowns than allowed, circles get fewer edges, then contact faces larger ones.
+the contacts would have more unknowns than allowed, contact faces get larger edges, as long as that helps.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +17,7 @@ import numpy as np
 from .facts import CadAssembly, CadCylinder, CadPart, merged
 from .geometry import round_face
 from .neighbours import Skins
+from .repair import AIM, TETRAHEDRON, CellRepair
 
 THICKNESS: Final = 3.0
 """Edge of a part over its thickness."""
@@ -28,18 +27,14 @@ CONTACT: Final = 4.0
 """Edges along the root of the area of a contact face."""
 TURN: Final = 8
 """Edges around a shank and its holes."""
-_LEAST_TURN: Final = 6
 _FASTENER: Final = 0.4  # edge of screws and nuts, beside their round faces, over the diagonal of their box
-_ROUND: Final = 6  # edges around other round faces
+_ROUND: Final = 8  # edges around other round faces
 _FLOOR: Final = 0.12  # edge of a small feature over that of its part, at least
 _POINT: Final = 6  # unknowns of a point of a contact
 _TRIALS: Final = 9
 _GAINED: Final = 0.98  # of the unknowns: larger edges give no fewer
 _COARSEST: Final = 1.5  # factor on the edges of parts; those of contact faces may be larger still
 _COARSER: Final = 1.15, 1.6  # edges from trial to trial
-_MOST_NODES: Final = 120_000
-TETRAHEDRON: Final = 11  # number of gmsh, 10 nodes
-_AIM, _GOOD = 0.05, 0.02  # least over largest determinant of a cell: what repair aims at, and what will do
 
 
 @dataclass(frozen=True)
@@ -114,8 +109,8 @@ class Mesher:
         return found
 
     # -- sizes -------------------------------------------------------------------------------------------------------
-    def sizes(self, turn: float, coarser: float) -> Sizes:
-        """Edges with ``turn`` of them around a shank, all others by a factor ``coarser``."""
+    def sizes(self, coarser: float) -> Sizes:
+        """Edges, those of flat contact faces and, less so, of parts by a factor ``coarser``."""
         sizes, finer = Sizes({}, {}), self._wishes.finer
         screwed = {s.part for s in self._assembly.screws if s.used}
         for part in self._assembly.parts:
@@ -130,7 +125,7 @@ class Mesher:
             for face, cylinder in self._rounds[part.name].items():
                 around = 2.0 * np.pi * cylinder.radius
                 if part.name in screwed or any(_around(s.axis, s.middle, cylinder) for s in screws):
-                    sizes.faces[face] = min(size, around / (turn * finer))
+                    sizes.faces[face] = min(size, around / (TURN * finer))
                 else:
                     sizes.faces[face] = min(size, max(around / _ROUND, _FLOOR * size))
         edges: dict[int, list[float]] = {}
@@ -187,12 +182,13 @@ class Mesher:
             ("MeshSizeExtendFromBoundary", 0),
             ("MeshSizeMin", min(smallest, _FLOOR * max(sizes.volumes.values()))),
             ("MeshSizeMax", max([*sizes.volumes.values(), *sizes.faces.values()])),
-            ("Algorithm", 6),
+            # by fronts (6), the same process gives meshes that depend on addresses in memory
+            ("Algorithm", 5),
             ("Algorithm3D", 1),
             ("ElementOrder", 1),
             ("SecondOrderLinear", 0),
             ("HighOrderOptimize", 0),
-            ("HighOrderThresholdMin", _AIM),
+            ("HighOrderThresholdMin", AIM),
         ):
             self._gmsh.option.setNumber(f"Mesh.{key}", value)
 
@@ -202,25 +198,24 @@ class Mesher:
 
         Trials of the surfaces alone come first, until the contacts have no more unknowns than wished.
         """
-        model, (turn, coarser) = self._gmsh.model, (float(TURN), 1.0)
+        model, coarser = self._gmsh.model, 1.0
         unknowns, before = 0, np.inf
         for _ in range(_TRIALS):
-            self._apply(self.sizes(turn, coarser))
+            self._apply(self.sizes(coarser))
             model.mesh.clear()
             model.mesh.generate(2)
             unknowns = self._contact_unknowns()
-            if unknowns <= self._wishes.contacts or (turn <= _LEAST_TURN and unknowns > _GAINED * before):
+            if unknowns <= self._wishes.contacts or unknowns > _GAINED * before:
                 break
             before = unknowns
-            if turn > _LEAST_TURN and self._wishes.finer == 1.0:
-                turn -= 1.0
             coarser *= min(max(_COARSER[0], (unknowns / self._wishes.contacts) ** 0.5), _COARSER[1])
         model.mesh.generate(3)
         model.mesh.setOrder(2)
-        repaired = self._repair()
+        repaired, nearly = CellRepair(self._gmsh, self._numbers).repair()
+        self._assembly.remarks += nearly
         nodes = len(model.mesh.getNodes()[0])
         cells = sum(len(model.mesh.getElementsByType(TETRAHEDRON, number)[0]) for number in self._numbers.values())
-        return {"contact unknowns": unknowns, "nodes": nodes, "cells": cells, "turn": turn, "straightened": repaired}
+        return {"contact unknowns": unknowns, "nodes": nodes, "cells": cells, "straightened": repaired}
 
     def _contact_unknowns(self) -> int:
         """Unknowns of the contacts that the scene will have: of each, the points of the part with smaller facets."""
@@ -252,67 +247,6 @@ class Mesher:
         )
         # V corners, and (3 T + edges) / 2 middles
         return inside + edges + (3 * triangles + edges) // 2
-
-    # -- cells that are inside out -----------------------------------------------------------------------------------
-    def bad_cells(self, number: int) -> list[int]:
-        """Cells of a volume whose determinant changes sign, or nearly so."""
-        mesh = self._gmsh.model.mesh
-        tags = mesh.getElementsByType(TETRAHEDRON, number)[0]
-        if not len(tags):
-            return []
-        least = np.array(mesh.getElementQualities(tags, "minDetJac"))
-        most = np.array(mesh.getElementQualities(tags, "maxDetJac"))
-        return [int(tag) for tag in np.array(tags)[least < _GOOD * np.abs(most)]]
-
-    def _repair(self) -> int:
-        """Untangle cells of second order on coarse circles: by moving their middle nodes, else by straight edges; the
-        number of the latter."""
-        if any(self.bad_cells(number) for number in self._numbers.values()):
-            self._optimise()
-        straightened = 0
-        for name, number in self._numbers.items():
-            for inner in (True, False):
-                bad = self.bad_cells(number)
-                if bad:
-                    straightened += self._straighten(number, bad, inner)
-            if bad := self.bad_cells(number):
-                self._assembly.remarks.append(f"{name}: {len(bad)} cells are nearly inside out; mesh it finer, --size")
-        return straightened
-
-    def _optimise(self) -> None:
-        """Move middle nodes by the library, in a copy of this process: where it fails, the library ends the process."""
-        mesh = self._gmsh.model.mesh
-        if not hasattr(os, "fork"):
-            mesh.optimize("HighOrder")
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "nodes.npy"
-            copy = os.fork()
-            if copy == 0:
-                mesh.optimize("HighOrder")  # of all parts, whatever is asked for
-                np.save(file, mesh.getNodes()[1])
-                os._exit(0)
-            _, status = os.waitpid(copy, 0)
-            if status != 0 or not file.is_file():
-                return
-            moved = np.load(file).reshape(-1, 3)
-        tags, places, _ = mesh.getNodes()
-        for row in np.flatnonzero((moved != places.reshape(-1, 3)).any(axis=1)):
-            mesh.setNode(tags[row], list(moved[row]), [])
-
-    def _straighten(self, number: int, cells: Sequence[int], inner: bool) -> int:
-        """Take the middle nodes of cells to the middles of their edges, ``inner`` : those inside the part alone."""
-        mesh, count = self._gmsh.model.mesh, 0
-        movable = set(mesh.getNodes(3, number)[0].tolist())
-        for cell in cells:
-            nodes = mesh.getElement(cell)[1].tolist()
-            for middle, (a, b) in zip(nodes[4:], _EDGES, strict=True):
-                if inner and middle not in movable:
-                    continue
-                ends = (np.array(mesh.getNode(nodes[i])[0]) for i in (a, b))
-                mesh.setNode(middle, list(0.5 * sum(ends)), [])
-                count += 1
-        return count
 
     # -- names -------------------------------------------------------------------------------------------------------
     def name_groups(self) -> dict[str, list[str]]:
@@ -375,10 +309,6 @@ class Mesher:
         for key, value in (("MshFileVersion", 4.1), ("Binary", 1), ("SaveAll", 0)):
             self._gmsh.option.setNumber(f"Mesh.{key}", value)
         self._gmsh.write(str(file))
-
-
-_EDGES: Final = ((0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1))
-"""Ends of the edges of a tetrahedron in the order of its middle nodes, as gmsh counts them."""
 
 
 def _around(axis: Sequence[float], middle: Sequence[float], cylinder: CadCylinder) -> bool:

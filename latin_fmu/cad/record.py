@@ -85,10 +85,10 @@ def _part(number: int, table: dict[str, Any]) -> CadPart:
         number,
         float(table["volume"]),
         float(table["area"]),
-        tuple(table["centre"]),  # type: ignore[arg-type]
-        tuple(table["low"]),  # type: ignore[arg-type]
-        tuple(table["high"]),  # type: ignore[arg-type]
-        tuple(table["colour"]) if table["colour"] else None,  # type: ignore[arg-type]
+        tuple(table["centre"]),
+        tuple(table["low"]),
+        tuple(table["high"]),
+        tuple(table["colour"]) if table["colour"] else None,
         (),
         np.zeros((0, 3)),
         0.0,

@@ -56,9 +56,9 @@ class SceneSketch:
     Attributes
     ----------
     name : of the scene, and of its mesh table. file : mesh, relative to the scene. scale : m for a unit of it. source :
-        sentence on where it comes from. parts : names. made_of : material by part, as its file says, and density. faces :
-        names of faces by part. support : face that is proposed to be held, "part.face". search : m. screws : that are
-        used. possible : others of the table. colours : of parts.
+        sentence on where it comes from. parts : names. made_of : material by part, as its file says, and density.
+        faces : names of faces by part. support : face that is proposed to be held, "part.face". search : m. screws :
+        that are used. possible : others of the table. colours : of parts.
     """
 
     name: str
@@ -209,7 +209,7 @@ def _bolts(sketch: SceneSketch) -> Iterator[str]:
     taken: set[str] = set()
     for (size, _, thread), screws in groups.items():
         names = [screw.part for screw in screws]
-        stem = _table_name(size, names, taken)
+        stem = _table_name(size, taken)
         yield "\n".join(
             [f"[bolt.{stem}]", f"parts = {_listed(names, sketch.parts)}", *_tightened(size, thread, screws)]
         )
@@ -226,9 +226,9 @@ def _thread_part(screw: Screw, sketch: SceneSketch) -> str:
         stem = next(iter(stems))
         many = [name for name in sketch.parts if fnmatchcase(name, f"{stem}_*")]
         alone = len(screw.threads) == 1 and len(many) < 2
-        if not alone and not any(fnmatchcase(name, f"{stem}_*") for name in screw.clamped):
-            if all(name in many for name in screw.threads):
-                return f"{stem}_*"
+        clamped = any(fnmatchcase(name, f"{stem}_*") for name in screw.clamped)
+        if not alone and not clamped and all(name in many for name in screw.threads):
+            return f"{stem}_*"
     if len(screw.threads) == 1:
         return screw.threads[0]
     # a pattern of the scene: alternatives are not in its language, the longest common beginning is
@@ -238,7 +238,7 @@ def _thread_part(screw: Screw, sketch: SceneSketch) -> str:
     return f"{common}*"
 
 
-def _table_name(size: str | None, names: Sequence[str], taken: set[str]) -> str:
+def _table_name(size: str | None, taken: set[str]) -> str:
     stem = part_name((size or "screw").lower().replace("/", "_").replace(" ", "_").replace("#", "no"))
     stem = re.sub("_+", "_", stem)
     name, number = stem, 1

@@ -1,9 +1,9 @@
 """Screws among the parts of an assembly: a shank with a head, a nut or a name, in a hole that its thread fits.
 
 A part is a screw where a round shank is in holes of other parts about its axis, and has a head, a nut, or a name such
-as "bolt" or "ISO 4762". Its thread is in its nuts, else in the hole of 0.75 to 1.1 of its diameter that is farthest from
-the head. Holes of parts that it clamps may be wider (ISO 273). What is called a pin or a standoff, is hollow, or clamps
-nothing, is possible: it is in the table and not used.
+as "bolt" or "ISO 4762". Its thread is in its nuts, else in the hole of 0.75 to 1.1 of its diameter that is farthest
+from the head. Holes of parts that it clamps may be wider (ISO 273). What is called a pin or a standoff, is hollow, or
+clamps nothing, is possible: it is in the table and not used.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -96,9 +97,7 @@ def words_of(part: CadPart) -> list[str]:
 
 
 def _named(words: Sequence[str], patterns: Sequence[str], numbers: frozenset[int] = frozenset()) -> bool:
-    standard = any(
-        a in _MOST_OF_NAME and b.isdigit() and int(b) in numbers for a, b in zip(words, words[1:], strict=False)
-    )
+    standard = any(a in _MOST_OF_NAME and b.isdigit() and int(b) in numbers for a, b in pairwise(words))
     return standard or any(fnmatchcase(word, pattern) for word in words for pattern in patterns)
 
 

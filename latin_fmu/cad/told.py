@@ -80,7 +80,6 @@ def _mesh(assembly: CadAssembly) -> Iterator[str]:
     counts, touching = assembly.counts, sum(bool(pair.faces[0]) for pair in assembly.pairs)
     yield (
         f"mesh: {counts['cells']:,.0f} tetrahedra of 10 nodes, {counts['nodes']:,.0f} nodes, {touching} pairs of parts "
-        f"that touch, some {counts['contact unknowns']:,.0f} unknowns of contacts, {counts['turn']:.0f} edges around a "
-        "screw"
+        f"that touch, some {counts['contact unknowns']:,.0f} unknowns of contacts"
     )
     yield "processor time: " + ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in assembly.seconds.items())

@@ -1,9 +1,10 @@
-"""``latin-fmu mesh`` and ``latin-fmu scene``: a CAD assembly as a mesh and a scene, a mesh as a scene."""
+"""``latin-fmu mesh``: a CAD assembly as a mesh and a scene."""
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -26,41 +27,44 @@ examples:
   latin-fmu mesh bracket.step --finer 1.5   screws and contacts by smaller edges
   latin-fmu mesh housing.brep --unit mm
 """
-_OF_MESHES = """\
-examples:
-  latin-fmu scene joint.msh --unit mm       joint.toml
-"""
 
 
-@command(_EXAMPLES)
-def mesh(
-    file: Annotated[Path, Argument("CAD file (.step, .stp, .brep, .iges)", "ASSEMBLY.step")],
+@dataclass(frozen=True, kw_only=True)
+class MeshOptions:
+    """Options of ``latin-fmu mesh``."""
+
+    file: Annotated[Path, Argument("CAD file (.step, .stp, .brep, .iges)", "ASSEMBLY.step")]
     output: Annotated[
         Path | None,
         Option("name of mesh and scene (default: that of the file, in the current folder)", "NAME", "-o", output_file),
-    ] = None,
-    unit: Unit = None,
-    size: Annotated[float | None, Option("largest edge, mm (default: by the thickness of each part)", "MM")] = None,
-    finer: Annotated[float, Option("factor by which edges at screws and contacts are smaller", "FACTOR")] = 1.0,
-    contacts: Annotated[int, Option("unknowns of contacts, at most; edges grow until they fit", "N")] = 4000,
-    max_cpu: Annotated[float, Option("processor time, at most, s", "SECONDS")] = 600.0,
-    quiet: Quiet = False,
-) -> int:
+    ] = None
+    unit: Unit = None
+    size: Annotated[float | None, Option("largest edge, mm (default: by the thickness of each part)", "MM")] = None
+    finer: Annotated[float, Option("factor by which edges at screws and contacts are smaller", "FACTOR")] = 1.0
+    contacts: Annotated[int, Option("unknowns of contacts to aim at, by larger edges there", "N")] = 4000
+    max_cpu: Annotated[float, Option("processor time, at most, s", "SECONDS")] = 600.0
+    quiet: Quiet = False
+
+
+@command(_EXAMPLES)
+def mesh(options: MeshOptions) -> int:
     """Mesh a CAD assembly, part by part, and write a scene with its materials, contacts and screws to go on with."""
     from ..cad.making import MeshJob
     from ..cad.meshing import MeshWishes
     from ..cad.record import changes, read_record
     from ..cad.told import told
 
-    _check(file, {"--size": size, "--finer": finer, "--contacts": contacts, "--max-cpu": max_cpu})
-    target = _stem(output or Path(file.stem))
+    file = options.file
+    _check(options)
+    target = _stem(options.output or Path(file.stem))
     before = read_record(target.with_suffix(".parts.json"))
     draft = target.with_name(f".{target.name}.{os.getpid()}.msh")
-    wishes = MeshWishes(size, finer, contacts)
+    wishes = MeshWishes(options.size, options.finer, options.contacts)
     parts = tuple(before.parts) if before is not None else ()
+    job = MeshJob(file.absolute(), draft.absolute(), options.unit, wishes, parts)
     try:
-        with Waiting(f"meshing {file.name}", quiet=quiet):
-            assembly = _in_process(MeshJob(file.absolute(), draft.absolute(), unit, wishes, parts), max_cpu)
+        with Waiting(f"meshing {file.name}", quiet=options.quiet):
+            assembly = _in_process(job, options.max_cpu)
         # in one piece: a run may read it at the same time
         draft.replace(target.with_suffix(".msh"))
     finally:
@@ -75,13 +79,14 @@ def mesh(
     return CONVERGED
 
 
-def _check(file: Path, numbers: dict[str, float | None]) -> None:
+def _check(options: MeshOptions) -> None:
     """Refuse what is no CAD file, and numbers that are not above zero."""
     from ..cad.geometry import SUFFIXES
 
+    file, numbers = options.file, {name: getattr(options, name) for name in ("size", "finer", "contacts", "max_cpu")}
     problems = [
-        Problem(flag, "not a number above zero", f"{value:g}")
-        for flag, value in numbers.items()
+        Problem(f"--{name.replace('_', '-')}", "not a number above zero", f"{value:g}")
+        for name, value in numbers.items()
         if value is not None and not 0.0 < value < float("inf")
     ]
     if not file.is_file():

@@ -65,12 +65,8 @@ def bracket(move: float = 0.0, name: str = "bracket") -> dict[str, Entities]:
 
     move : of the hole for the pin, mm. name : of the bracket.
     """
-    base = without(
-        box((0, 0, 0), (80, 40, 15)), cylinder(20, 20, 3, 20, 2.5), cylinder(45 + move, 20, 5, 20, 2.0)
-    )
-    foot = without(
-        box((5, 5, 15), (50, 30, 8)), cylinder(20, 20, 10, 20, 3.3), cylinder(45 + move, 20, 10, 20, 2.0)
-    )
+    base = without(box((0, 0, 0), (80, 40, 15)), cylinder(20, 20, 3, 20, 2.5), cylinder(45 + move, 20, 5, 20, 2.0))
+    foot = without(box((5, 5, 15), (50, 30, 8)), cylinder(20, 20, 10, 20, 3.3), cylinder(45 + move, 20, 10, 20, 2.0))
     wall = box((5, 5, 23), (8, 30, 40))
     return {
         "base": base,
@@ -91,7 +87,11 @@ def flange() -> dict[str, Entities]:
     more = [cylinder(x, y, -50, 100, 4.5) for x, y in places]
     lower = together(ring(-14, 12, 60, 25), ring(-44, 30, 32, 25))
     upper = together(ring(0, 12, 60, 25), ring(12, 30, 32, 25))
-    parts = {"flange lower": without(lower, *holes), "gasket": ring(-2, 2, 36, 25), "flange upper": without(upper, *more)}
+    parts = {
+        "flange lower": without(lower, *holes),
+        "gasket": ring(-2, 2, 36, 25),
+        "flange upper": without(upper, *more),
+    }
     for i, (x, y) in enumerate(places, start=1):
         parts[f"hex bolt {i}"] = screw(x, y, 12, 36, 8.0)
         parts[f"nut {i}"] = nut(x, y, -14 - 6.4, 8.0)
