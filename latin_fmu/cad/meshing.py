@@ -17,7 +17,7 @@ import numpy as np
 from .facts import CadAssembly, CadCylinder, CadPart, merged
 from .geometry import round_face
 from .neighbours import Skins
-from .repair import AIM, TETRAHEDRON, CellRepair
+from .repair import TETRAHEDRON, CellRepair
 
 THICKNESS: Final = 3.0
 """Edge of a part over its thickness."""
@@ -25,6 +25,7 @@ ACROSS: Final = 5.0
 """Edges along the diagonal of the box of a part, at least."""
 CONTACT: Final = 4.0
 """Edges along the root of the area of a contact face."""
+_ALONG: Final = 2.5  # edges along the free shank of a screw, for its cut
 TURN: Final = 8
 """Edges around a shank and its holes."""
 _FASTENER: Final = 0.4  # edge of screws and nuts, beside their round faces, over the diagonal of their box
@@ -125,7 +126,8 @@ class Mesher:
             for face, cylinder in self._rounds[part.name].items():
                 around = 2.0 * np.pi * cylinder.radius
                 if part.name in screwed or any(_around(s.axis, s.middle, cylinder) for s in screws):
-                    sizes.faces[face] = min(size, around / (TURN * finer))
+                    along = [s.grip / _ALONG for s in screws if s.part == part.name and s.grip > 0.0]
+                    sizes.faces[face] = min([size, around / (TURN * finer), *along])
                 else:
                     sizes.faces[face] = min(size, max(around / _ROUND, _FLOOR * size))
         edges: dict[int, list[float]] = {}
@@ -182,13 +184,11 @@ class Mesher:
             ("MeshSizeExtendFromBoundary", 0),
             ("MeshSizeMin", min(smallest, _FLOOR * max(sizes.volumes.values()))),
             ("MeshSizeMax", max([*sizes.volumes.values(), *sizes.faces.values()])),
-            # by fronts (6), the same process gives meshes that depend on addresses in memory
-            ("Algorithm", 5),
+            ("Algorithm", 6),
             ("Algorithm3D", 1),
             ("ElementOrder", 1),
             ("SecondOrderLinear", 0),
             ("HighOrderOptimize", 0),
-            ("HighOrderThresholdMin", AIM),
         ):
             self._gmsh.option.setNumber(f"Mesh.{key}", value)
 

@@ -1,25 +1,20 @@
 """Cells of second order that are inside out: on coarse circles middle nodes on the circle tangle them.
 
-The library moves middle nodes until the determinants of the cells are good enough. Where it fails, it ends the process:
-so it works in a copy of it. Where it has failed, edges inside the part become straight; then, of cells that are still
-inside out, all: surfaces stay round as long as they can, as threads are found by them.
+Edges of such cells inside the part become straight; then, of cells that are still inside out, all edges. Surfaces stay
+round as long as they can, as threads are found by them. The optimizer of the library is left alone: its results depend
+on addresses in memory, and where it fails it ends the process (gmsh 4.15.2).
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 TETRAHEDRON: Final = 11
 """Number of gmsh of a tetrahedron of 10 nodes."""
-AIM: Final = 0.05
-"""Least over largest determinant of a cell that the library is asked for."""
-_GOOD: Final = 0.01  # that will do
+_GOOD: Final = 2e-3  # least over largest determinant of a cell that will do: two faces on one cylinder take it to zero
 _EDGES: Final = ((0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1))
 """Ends of the edges of a tetrahedron in the order of its middle nodes, as gmsh counts them."""
 
@@ -46,10 +41,8 @@ class CellRepair:
         return [int(tag) for tag in np.array(tags)[least < _GOOD * np.abs(most)]]
 
     def repair(self) -> tuple[int, list[str]]:
-        """Untangle cells of second order on coarse circles: by moving their middle nodes, else by straight edges; the
-        number of the latter, and what is said of parts that keep such cells."""
-        if any(self.bad_cells(number) for number in self._numbers.values()):
-            self._optimise()
+        """Untangle cells of second order on coarse circles: by straight edges; how many, and what is said
+        of parts that keep such cells."""
         straightened, said = 0, []
         for name, number in self._numbers.items():
             for inner in (True, False):
@@ -57,27 +50,6 @@ class CellRepair:
             if bad := self.bad_cells(number):
                 said.append(f"{name}: {len(bad)} cells are nearly inside out; mesh it finer, --size")
         return straightened, said
-
-    def _optimise(self) -> None:
-        """Move middle nodes by the library, in a copy of this process: where it fails, the library ends the process."""
-        mesh = self._gmsh.model.mesh
-        if not hasattr(os, "fork"):
-            mesh.optimize("HighOrder")
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "nodes.npy"
-            copy = os.fork()
-            if copy == 0:
-                mesh.optimize("HighOrder")  # of all parts, whatever is asked for
-                np.save(file, mesh.getNodes()[1])
-                os._exit(0)
-            _, status = os.waitpid(copy, 0)
-            if status != 0 or not file.is_file():
-                return
-            moved = np.load(file).reshape(-1, 3)
-        tags, places, _ = mesh.getNodes()
-        for row in np.flatnonzero((moved != places.reshape(-1, 3)).any(axis=1)):
-            mesh.setNode(tags[row], list(moved[row]), [])
 
     def _straighten(self, number: int, cells: Sequence[int], inner: bool) -> int:
         """Take the middle nodes of cells to the middles of their edges; ``inner`` : those inside the part alone."""

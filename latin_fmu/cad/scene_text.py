@@ -193,10 +193,13 @@ def patterns(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _contact(sketch: SceneSketch) -> str:
-    return (
-        f"{'[contact.all]'.ljust(40)}# every pair of parts whose faces are nearer than this, m\n"
-        f"search = {sketch.search:g}\n{f'friction_coefficient = {_FRICTION:g}'.ljust(40)}# (?)"
+    lines = (
+        ("[contact.all]", "every pair of parts whose faces are nearer than this, m"),
+        (f"search = {sketch.search:g}", ""),
+        ('overlap = "ignore"', "facets of a shaft and those of its hole cross each other"),
+        (f"friction_coefficient = {_FRICTION:g}", "(?)"),
     )
+    return "\n".join(f"{line.ljust(40)}# {said}" if said else line for line, said in lines)
 
 
 # -- screws --------------------------------------------------------------------------------------------------------

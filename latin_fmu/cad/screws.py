@@ -270,7 +270,17 @@ def _with_thread(part: CadPart, shank: CadCylinder, around: Sequence[_Around], e
         tuple(a.part.name for a in clamped),
         shank.axis,
         _middle(shank),
+        _grip(shank, [a.hole for a in threads], ends),
     )
+
+
+def _grip(shank: CadCylinder, holes: Sequence[CadCylinder], ends: tuple[bool, bool]) -> float:
+    """Length of the shank from the head to the first thread, mm; 0 of studs."""
+    if all(ends) or not any(ends):
+        return 0.0
+    if ends[0]:
+        return min(hole.low for hole in holes) - shank.low
+    return shank.high - max(hole.high for hole in holes)
 
 
 def _tapped(shank: CadCylinder, ordered: Sequence[_Around], nuts: Sequence[_Around]) -> _Around | None:
