@@ -140,8 +140,8 @@ class Screw:
     ----------
     part : its name. used : whether the scene tightens it. kind : "screw", "bolt with nut", "stud", or what it seems to
         be. why : in words. diameter : of the shank, mm. size : thread, "M10"; None where the diameter is that of none.
-        threads : parts that its thread engages. clamped : other parts around the shank, from the head on. axis, middle :
-        of the shank, mm. grip : from the head to the first thread, mm; 0 where it is not known.
+        threads : parts that its thread engages. clamped : other parts around the shank, from the head on. axis,
+        middle : of the shank, mm. grip : from the head to the first thread, mm; 0 where it is not known.
     """
 
     part: str

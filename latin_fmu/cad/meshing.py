@@ -25,7 +25,7 @@ ACROSS: Final = 5.0
 """Edges along the diagonal of the box of a part, at least."""
 CONTACT: Final = 4.0
 """Edges along the root of the area of a contact face."""
-_ALONG: Final = 2.5  # edges along the free shank of a screw, for its cut
+_ALONG: Final = 1.6  # edges along the free shank of a screw, for its cut
 TURN: Final = 8
 """Edges around a shank and its holes."""
 _FASTENER: Final = 0.4  # edge of screws and nuts, beside their round faces, over the diagonal of their box
