@@ -1,8 +1,6 @@
 """CAD assemblies as meshes and scenes.
 
 ============  =================================================================================================
-module        what is in it
-============  =================================================================================================
 facts         parts, round faces, pairs and screws of an assembly as plain data
 labels        names of parts from their paths, the same when the file is read again
 step_text     unit, materials and densities from the text of a STEP file
