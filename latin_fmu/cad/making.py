@@ -60,7 +60,7 @@ def mesh_assembly(job: MeshJob) -> CadAssembly:
     parts, left = read_solids(gmsh, job.source, said)
     parts = [replace(part, name=name) for part, name in zip(parts, named(parts, job.before), strict=True)]
     assembly = CadAssembly(job.source.name, unit, factor, sorted(parts, key=_order), left_out=left)
-    assembly.screws = find_screws(assembly.parts, inch=unit in ("in", "ft"))
+    assembly.screws = find_screws(assembly.parts, unit in ("in", "ft"), factor)
     skins = Skins(gmsh, faces_of(gmsh, {part.name: part.number for part in parts}))
     assembly.pairs = find_pairs(gmsh, assembly.parts, skins, job.wishes.touch)
     assembly.remarks += _remarks(assembly, job.wishes)

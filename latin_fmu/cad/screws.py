@@ -80,10 +80,14 @@ class _Around:
     nut: bool
 
 
-def find_screws(parts: Sequence[CadPart], inch: bool = False) -> list[Screw]:
-    """Screws, and what might be some, in the order of the parts; ``inch`` : the file is in inches."""
+def find_screws(parts: Sequence[CadPart], inch: bool = False, scale: float = 1e-3) -> list[Screw]:
+    """Screws, and what might be some, in the order of the parts; ``inch`` : the file is in inches. ``scale`` : m for a
+    unit of the parts."""
     found = [(part, screw) for part in parts if (screw := _screw(part, parts)) is not None]
-    return [replace(screw, size=size_of(part, screw.diameter, inch)) if screw.used else screw for part, screw in found]
+    return [
+        replace(screw, size=size_of(part, 1e3 * scale * screw.diameter, inch)) if screw.used else screw
+        for part, screw in found
+    ]
 
 
 def words_of(part: CadPart) -> list[str]:

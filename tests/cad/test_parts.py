@@ -104,6 +104,9 @@ def test_a_bolt_with_a_nut_a_screw_in_a_tapped_hole_and_a_stud() -> None:
     assert (found.used, found.kind, found.size, found.threads) == (True, "bolt with nut", "M6", ("ring",))
     assert found.clamped == ("upper", "lower")
 
+    (found,) = find_screws([bolt("body"), *stack, hex_nut("ring", -25.0, 3.0)], scale=2e-3)
+    assert found.size == "M12"
+
     tapped = [plate("upper", -10.0, 0.0, 3.3), plate("lower", -40.0, -10.0, 2.5)]
     (found,) = find_screws([bolt("body"), *tapped])
     assert (found.used, found.kind, found.threads, found.clamped) == (True, "screw", ("lower",), ("upper",))
