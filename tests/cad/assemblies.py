@@ -76,6 +76,13 @@ def bracket(move: float = 0.0, name: str = "bracket") -> dict[str, Entities]:
     }
 
 
+def bracket_without_pin() -> dict[str, Entities]:
+    """The bracket without its pin, whose holes stay."""
+    parts = bracket()
+    gmsh.model.occ.remove(parts.pop("dowel pin"), recursive=True)
+    return parts
+
+
 def flange() -> dict[str, Entities]:
     """Two flanges of pipes with a gasket ring between them and eight bolts M8 with nuts."""
 
@@ -136,7 +143,7 @@ MADE: dict[str, Any] = {
     "bracket": bracket,
     "moved": lambda: bracket(move=5.0),
     "renamed": lambda: bracket(name="angle"),
-    "gone": lambda: {name: body for name, body in bracket().items() if name != "dowel pin"},
+    "gone": bracket_without_pin,
     "flange": flange,
     "box": electronics_box,
 }

@@ -118,7 +118,9 @@ def test_after_a_change_in_cad_the_scene_stays_and_the_change_is_told(
     said = capsys.readouterr().out
     assert told in said
     assert (tmp_path / "joint.toml").read_text() == mine
-    assert latin_fmu.load_scene(tmp_path / "joint.new.toml").bolt
+    new = latin_fmu.load_scene(tmp_path / "joint.new.toml")
+    assert new.bolt
+    assert ("dowel_pin" in new.substructure) == (change != "gone")
     assert ("does not fit the mesh any more" not in said) == fits
 
 
