@@ -11,6 +11,7 @@ imprint       faces split along the outline of what touches them
 meshing       sizes, second order, names of faces
 repair        cells that are inside out
 making        all of this in a row, in the process of gmsh
+from_mesh     parts of a mesh that comes from elsewhere
 scene_text    the scene that a user goes on with
 record        what a mesh was made from, and what has changed since
 told          what the command prints

@@ -166,7 +166,8 @@ class CadAssembly:
     file : its name. unit : of length in the file, "mm", "in". scale : m for a unit of the mesh. parts, pairs, screws :
         of it. left_out : what is no part, in words, by kind. remarks : on the parts. faces : names of the faces of the
         mesh by part. ends : area, mm2, of end faces that nothing touches, "part.face". counts : figures of the mesh, by
-        what is counted. seconds : of processor time, by stage.
+        what is counted. seconds : of processor time, by stage. guessed : whether the
+        unit is, by the size.
     """
 
     file: str
@@ -181,6 +182,7 @@ class CadAssembly:
     ends: dict[str, float] = field(default_factory=dict)
     counts: dict[str, float] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    guessed: bool = False
 
     @cached_property
     def by_name(self) -> dict[str, CadPart]:

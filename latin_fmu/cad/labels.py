@@ -99,6 +99,12 @@ def _distance(one: CadPart, other: CadPart) -> float:
     return sum((a - b) ** 2 for a, b in zip(one.centre, other.centre, strict=True))
 
 
+def part_order(part: CadPart) -> tuple[object, ...]:
+    """Order of parts by their names, numbers as such."""
+    stem, _, number = part.name.rpartition("_")
+    return (stem, int(number), "") if number.isdigit() else (part.name, 0, "")
+
+
 def _place(part: CadPart) -> tuple[object, ...]:
     """Order of parts: their paths, numbers as such, then their places."""
     words = tuple(

@@ -12,7 +12,7 @@ from ..errors import MeshError
 from .facts import CadAssembly, CadPart
 from .geometry import WITHOUT_UNIT, read_solids, start
 from .imprint import faces_of, split_faces
-from .labels import named
+from .labels import named, part_order
 from .meshing import Mesher, MeshWishes, part_size
 from .neighbours import Skins, find_pairs
 from .screws import find_screws
@@ -59,7 +59,7 @@ def mesh_assembly(job: MeshJob) -> CadAssembly:
     start(gmsh)
     parts, left = read_solids(gmsh, job.source, said)
     parts = [replace(part, name=name) for part, name in zip(parts, named(parts, job.before), strict=True)]
-    assembly = CadAssembly(job.source.name, unit, factor, sorted(parts, key=_order), left_out=left)
+    assembly = CadAssembly(job.source.name, unit, factor, sorted(parts, key=part_order), left_out=left)
     assembly.screws = find_screws(assembly.parts, unit in ("in", "ft"), factor)
     skins = Skins(gmsh, faces_of(gmsh, {part.name: part.number for part in parts}))
     assembly.pairs = find_pairs(gmsh, assembly.parts, skins, job.wishes.touch)
@@ -106,11 +106,6 @@ def _library(source: Path) -> Any:
     else:
         return gmsh
     raise MeshError.of("not meshed", source.name, what, remedy=_INSTALL)
-
-
-def _order(part: CadPart) -> tuple[object, ...]:
-    stem, _, number = part.name.rpartition("_")
-    return (stem, int(number), "") if number.isdigit() else (part.name, 0, "")
 
 
 def _unit(job: MeshJob, said: StepText) -> tuple[str, float]:

@@ -58,7 +58,8 @@ class SceneSketch:
     name : of the scene, and of its mesh table. file : mesh, relative to the scene. scale : m for a unit of it. source :
         sentence on where it comes from. parts : names. made_of : material by part, as its file says, and density.
         faces : names of faces by part. support : face that is proposed to be held, "part.face". search : m. screws :
-        that are used. possible : others of the table. colours : of parts.
+        that are used. possible : others of the table. colours : of parts. guessed : whether the scale is.
+        lines : further ones of the mesh table.
     """
 
     name: str
@@ -73,6 +74,8 @@ class SceneSketch:
     screws: Sequence[Screw] = ()
     possible: Sequence[Screw] = ()
     colours: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+    guessed: bool = False
+    lines: Sequence[str] = ()
 
 
 def sketch_of(assembly: CadAssembly, name: str, file: str, touch: float) -> SceneSketch:
@@ -90,6 +93,7 @@ def sketch_of(assembly: CadAssembly, name: str, file: str, touch: float) -> Scen
         [screw for screw in assembly.screws if screw.used],
         [screw for screw in assembly.screws if not screw.used],
         {part.name: part.colour for part in assembly.parts if part.colour is not None},
+        assembly.guessed,
     )
 
 
@@ -156,10 +160,14 @@ def _materials(sketch: SceneSketch) -> Iterator[str]:
 def _mesh(sketch: SceneSketch) -> str:
     """The mesh and the materials of its parts, a line for each product."""
     table = part_name(sketch.name)
+    scale = f"scale = {sketch.scale:g}"
+    if sketch.guessed:
+        scale = f"{scale.ljust(40)}# (?) m for a unit of the file, which names none"
     lines = [
         f"[mesh.{table}]",
         f"file = {toml_value(sketch.file)}",
-        f"scale = {sketch.scale:g}",
+        scale,
+        *sketch.lines,
         "",
         f"[mesh.{table}.material]".ljust(40) + "# by names of parts, the first that fits",
     ]
@@ -217,8 +225,14 @@ def _bolts(sketch: SceneSketch) -> Iterator[str]:
             [f"[bolt.{stem}]", f"parts = {_listed(names, sketch.parts)}", *_tightened(size, thread, screws)]
         )
     if sketch.possible:
-        lines = ["# Not taken for screws (a table like those above tightens one all the same):"]
+        how = "a table like those above tightens one all the same"
+        if not sketch.screws:
+            how = "a table like the one below tightens one"
+        lines = [f"# Not taken for screws ({how}):"]
         lines += [f"#   {screw.part}: {screw.kind}, {screw.why}" for screw in sketch.possible]
+        if not sketch.screws:
+            part = toml_value(sketch.possible[0].part)
+            lines += ["# [bolt.m6]", f"# parts = {part}", '# thread = {size = "M6", part = "nut"}', "# torque = 10"]
         yield "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""What ``latin-fmu mesh`` prints: what was read, used and named, screws, neighbours, the mesh."""
+"""What ``latin-fmu mesh`` and ``scene`` print: what was read, used and named, screws, neighbours, the mesh."""
 
 from __future__ import annotations
 
@@ -77,6 +77,9 @@ def _screws(assembly: CadAssembly) -> Iterator[str]:
 
 
 def _mesh(assembly: CadAssembly) -> Iterator[str]:
+    if "contact unknowns" not in assembly.counts:  # a mesh from elsewhere
+        yield f"mesh: {assembly.counts['cells']:,.0f} cells, {assembly.counts['nodes']:,.0f} nodes"
+        return
     counts, touching = assembly.counts, sum(bool(pair.faces[0]) for pair in assembly.pairs)
     yield (
         f"mesh: {counts['cells']:,.0f} tetrahedra of 10 nodes, {counts['nodes']:,.0f} nodes, {touching} pairs of parts "

@@ -1,4 +1,4 @@
-"""``latin-fmu mesh``: a CAD assembly as a mesh and a scene."""
+"""``latin-fmu mesh``: a CAD assembly as a mesh and a scene; ``latin-fmu scene``: the scene of a mesh from elsewhere."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from ..cad.facts import CadAssembly
     from ..cad.making import MeshJob
 
+_Length = Literal["mm", "cm", "m", "in", "ft", "um"]
 Unit = Annotated[
-    Literal["mm", "cm", "m", "in", "ft", "um"] | None,
-    Option("unit of length of the file (default: the one that it names; .brep names none)"),
+    _Length | None, Option("unit of length of the file (default: the one that it names; .brep names none)")
 ]
 _EXAMPLES = """\
 examples:
@@ -53,12 +53,13 @@ def mesh(options: MeshOptions) -> int:
     from ..cad.meshing import MeshWishes
     from ..cad.record import changes, read_record
     from ..cad.told import told
+    from ..mesh_files.formats import MESHED
 
     file = options.file
     _check(options)
     target = _stem(options.output or Path(file.stem))
     before = read_record(target.with_suffix(".parts.json"))
-    draft = target.with_name(f".{target.name}.{os.getpid()}.msh")
+    draft = target.with_name(f".{target.name}.{os.getpid()}{MESHED}")
     wishes = MeshWishes(options.size, options.finer, options.contacts)
     parts = tuple(before.parts) if before is not None else ()
     job = MeshJob(file.absolute(), draft.absolute(), options.unit, wishes, parts)
@@ -66,7 +67,7 @@ def mesh(options: MeshOptions) -> int:
         with Waiting(f"meshing {file.name}", quiet=options.quiet):
             assembly = _in_process(job, options.max_cpu)
         # in one piece: a run may read it at the same time
-        draft.replace(target.with_suffix(".msh"))
+        draft.replace(target.with_suffix(MESHED))
     finally:
         with suppress(OSError):
             draft.unlink()
@@ -77,6 +78,52 @@ def mesh(options: MeshOptions) -> int:
         lines += [f"  {line}" for line in changed]
     print("\n".join([*lines, *_written(assembly, target, wishes.touch)]))
     return CONVERGED
+
+
+_OF_MESHES = """\
+examples:
+  latin-fmu scene bracket.msh               bracket.toml
+  latin-fmu scene data/bracket.vtu -o joint --unit mm
+"""
+
+
+@command(_OF_MESHES)
+def scene(
+    file: Annotated[Path, Argument("mesh file of any format that a scene may name", "MESH")],
+    output: Annotated[
+        Path | None,
+        Option("name of the scene (default: that of the mesh, in the current folder)", "NAME", "-o", output_file),
+    ] = None,
+    unit: Annotated[
+        _Length | None, Option("unit of length of the file (default: the one that it names, else by its size)")
+    ] = None,
+) -> int:
+    """Write a scene of a mesh to go on with: a material for each part, contacts, a support; never over one that is
+    there."""
+    from ..cad.from_mesh import assembly_of_mesh, sketch_of_mesh
+    from ..cad.scene_text import scene_text
+    from ..cad.told import told
+    from ..mesh_files.reading import read_content
+    from ..results.writing import check_target
+    from ..scene.substructures import part_name
+
+    target = _stem(output or Path(file.stem))
+    check_target(target.with_suffix(".toml"))
+    if not file.is_file():
+        raise InputError.of("bad argument", str(file), "no such file")
+    content = read_content(file)
+    assembly = assembly_of_mesh(content, file.name, part_name(target.name), unit)
+    text = scene_text(sketch_of_mesh(assembly, content, target.name, _relative(file, target.parent)))
+    print("\n".join([*told(assembly), *_with_scene(target, text)]))
+    return CONVERGED
+
+
+def _relative(file: Path, folder: Path) -> str:
+    """A file as a scene of this folder names it."""
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # on another drive
+        return file.absolute().as_posix()
 
 
 def _check(options: MeshOptions) -> None:
@@ -100,7 +147,9 @@ def _check(options: MeshOptions) -> None:
 
 def _stem(output: Path) -> Path:
     """The name without a suffix of a mesh or a scene, as a path to which suffixes are added."""
-    if output.suffix.lower() in (".msh", ".toml"):
+    from ..mesh_files.formats import MESHED
+
+    if output.suffix.lower() in (MESHED, ".toml"):
         return output.with_suffix("")
     if "." in output.name:
         # with_suffix would take the rest of the name for one
@@ -134,11 +183,12 @@ def _written(assembly: CadAssembly, target: Path, touch: float) -> list[str]:
     """Write record and scene; never over a scene that is there with another text."""
     from ..cad.record import record_text
     from ..cad.scene_text import scene_text, sketch_of
+    from ..mesh_files.formats import MESHED
     from ..results.writing import write_bytes
 
     write_bytes(target.with_suffix(".parts.json"), record_text(assembly).encode())
-    text = scene_text(sketch_of(assembly, target.name, f"{target.name}.msh", touch))
-    return [f"mesh: {target.with_suffix('.msh')}", *_with_scene(target, text)]
+    text = scene_text(sketch_of(assembly, target.name, f"{target.name}{MESHED}", touch))
+    return [f"mesh: {target.with_suffix(MESHED)}", *_with_scene(target, text)]
 
 
 def _with_scene(target: Path, text: str) -> list[str]:
