@@ -35,7 +35,18 @@ def _parts(assembly: CadAssembly) -> Iterator[str]:
         rows.append((f"{len(names)} x {label}", f"{len(names)} {kinds.pop()}{_properties(part)}", pattern))
     yield from _aligned(rows)
     yield from (f"left out: {text}" for text in assembly.left_out)
-    yield from _limited(assembly.remarks)
+    yield from _limited([*_of_several_solids(assembly), *assembly.remarks])
+
+
+def _of_several_solids(assembly: CadAssembly) -> Iterator[str]:
+    """Products that are solids of different shapes: instances of one solid have one shape."""
+    by_path: dict[tuple[str, ...], list[CadPart]] = {}
+    for part in assembly.parts:
+        by_path.setdefault(part.path, []).append(part)
+    for path, parts in by_path.items():
+        if path and not all(part.same_shape(parts[0]) for part in parts):
+            names = ", ".join(part.name for part in parts[:4]) + ", ..." * (len(parts) > 4)
+            yield f"{path[-1]} has solids of different shapes, each of which is a part: {names}"
 
 
 def _properties(part: CadPart) -> str:

@@ -15,6 +15,7 @@ from latin_fmu.cad.record import changes, read_record, record_text
 from latin_fmu.cad.scene_text import patterns, scene_text, sketch_of
 from latin_fmu.cad.screws import find_screws, size_of
 from latin_fmu.cad.step_text import read_step_text
+from latin_fmu.cad.told import told
 from latin_fmu.errors import MeshError
 
 
@@ -227,3 +228,12 @@ def test_a_scene_has_what_its_parts_are_made_of_and_a_table_for_each_kind_of_scr
     # 0.2 x 6 mm x 0.7 x 640 MPa x 20.1 mm2
     assert "torque = 11 # N m (?): 70% of the yield of class 8.8" in lines
     assert 'face = "lower.ymax"' in lines
+
+
+def test_a_product_of_several_solids_is_told_and_instances_of_one_are_not() -> None:
+    twice, paths = (20.0, 0.0, 0.0), (("asm", "foot"), ("asm", "frame"))
+    parts = [part(paths[0]), part(paths[0], twice), part(paths[1]), part(paths[1], twice, size=4.0)]
+    made = assembly(parts, ["foot_1", "foot_2", "frame_1", "frame_2"])
+    made.counts = {"cells": 4, "nodes": 8}
+    notes = [line for line in told(made) if line.startswith("note")]
+    assert notes == ["note: frame has solids of different shapes, each of which is a part: frame_1, frame_2"]

@@ -27,7 +27,7 @@ def deck(file: Path) -> Path:
         cells += f'*ELEMENT, TYPE=C3D8, ELSET="{name}"\n'
         for i, cell in enumerate(mesh.blocks[0].cells.tolist()):
             cells += f"{first + i}, " + ", ".join(str(first + n) for n in cell) + "\n"
-        sides += f'*SURFACE, NAME="{name}_top"\n"{name}", S2\n*SURFACE, NAME="{name}_bottom"\n"{name}", S1\n'
+        sides += f'*SURFACE, NAME="{name}_above"\n"{name}", S2\n*SURFACE, NAME="{name}_below"\n"{name}", S1\n'
         first += 100
     file.write_text(f"{text}{cells}{sides}")
     return file
@@ -49,8 +49,8 @@ def test_a_mesh_from_elsewhere_becomes_a_scene_that_loads_and_is_never_written_o
     mesh = scene.substructure["block_1"].mesh
     assert mesh is not None
     assert (mesh.file, mesh.scale, mesh.group, mesh.mesh_only) == ("data/three.inp", 1e-3, "block-1", True)
-    # the plate is the largest part, and its top is touched
-    assert getattr(scene.boundary["base"], "face", None) == "plate.plate_bottom"
+    # the plate is the largest part, and what is above it touches it
+    assert getattr(scene.boundary["base"], "face", None) == "plate.plate_below"
     assert not scene.bolt
     assert "#   cap_screw: screw, by its name" in target.read_text()
     checked = "\n".join(latin_fmu.check(scene))
@@ -75,20 +75,19 @@ def test_a_file_without_groups_is_one_part_and_what_is_no_mesh_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mesh = box_mesh(np.zeros(3), np.array([1.0, 0.1, 0.1]), (4, 1, 1))
-    lines = [f"GRID,{i},,{x},{y},{z}" for i, (x, y, z) in enumerate(mesh.nodes.tolist(), start=1)]
+    lines = [f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(mesh.nodes.tolist(), start=1)]
+    lines.append("*ELEMENT, TYPE=C3D8")
     for i, cell in enumerate(mesh.blocks[0].cells.tolist(), start=1):
-        nodes = [str(n + 1) for n in cell]
-        lines += [f"CHEXA,{i},1,{','.join(nodes[:6])}", f",{','.join(nodes[6:])}"]
-    file = tmp_path / "bar.v1.bdf"
-    file.write_text("BEGIN BULK\n" + "\n".join([*lines, "ENDDATA"]) + "\n")
-    assert main(["scene", str(file), "-o", str(tmp_path / "bar")]) == 0
-    scene = latin_fmu.load_scene(tmp_path / "bar.toml")
-    (name,) = scene.substructure
-    assert scene.substructure[name].mesh is not None
+        lines.append(", ".join(str(n) for n in (i, *(node + 1 for node in cell))))
+    file = tmp_path / "bar.v1.inp"
+    file.write_text("*NODE\n" + "\n".join(lines) + "\n")
+    assert main(["scene", str(file), "-o", str(tmp_path / "joint")]) == 0
+    scene = latin_fmu.load_scene(tmp_path / "joint.toml")
+    assert list(scene.substructure) == ["joint"]
     assert "1 part in m" in capsys.readouterr().out
     assert not scene.boundary
 
-    assert main(["scene", str(tmp_path / "none.bdf")]) == 2
+    assert main(["scene", str(tmp_path / "none.inp")]) == 2
     assert "no such file" in capsys.readouterr().err
     (tmp_path / "a.step").write_text("ISO-10303-21;")
     assert main(["scene", str(tmp_path / "a.step"), "-o", str(tmp_path / "a")]) == 2
