@@ -30,13 +30,16 @@ _TOUCH: Final = 1e-4  # of the size over all: distance up to which faces touch
 _FLAT: Final = 1e-4  # of the size of a part: from the end of its box
 
 
-def assembly_of_mesh(content: MeshContent, file: str, whole: str, unit: str | None = None) -> CadAssembly:
+def assembly_of_mesh(
+    content: MeshContent, file: str, whole: str, unit: str | None = None, chosen: Sequence[str] = ()
+) -> CadAssembly:
     """The parts of a mesh file as an assembly; their lengths are in its unit.
 
     Parameters
     ----------
     content : of the file. file : its name. whole : name of the part of a file without volume groups.
-    unit : of length; None: that which the file names, else by the size.
+    unit : of length; None: that which the file names, else by the size. chosen : volume groups that are parts;
+    empty: those that share the cells.
 
     Raises
     ------
@@ -46,7 +49,7 @@ def assembly_of_mesh(content: MeshContent, file: str, whole: str, unit: str | No
         what, holds = "the file holds no solid cells", content.without_solids()
         remedy = "mesh the volume, or extrude a plane mesh"
         raise MeshError([Problem(file, what, holds or None, remedy=remedy)], "unusable mesh")
-    groups: list[str | None] = [*content.part_names(file)] or [None]
+    groups: list[str | None] = [*(chosen or _groups(content, file))] or [None]
     names = [part_name(group) if group else whole for group in groups]
     if len(set(names)) < len(names):
         twice = [str(group) for group, name in zip(groups, names, strict=True) if names.count(name) > 1]
@@ -73,10 +76,27 @@ def assembly_of_mesh(content: MeshContent, file: str, whole: str, unit: str | No
     return assembly
 
 
-def sketch_of_mesh(assembly: CadAssembly, content: MeshContent, name: str, file: str) -> SceneSketch:
-    """The scene of the parts of a mesh; ``file`` : the mesh, relative to the scene."""
+def _groups(content: MeshContent, file: str) -> tuple[str, ...]:
+    """Groups that are the parts of a file.
+
+    Raises
+    ------
+    MeshError : they overlap.
+    """
+    try:
+        return content.part_names(file)
+    except MeshError as error:
+        remedy = "name those that are parts: --part A --part B"
+        raise MeshError([replace(problem, remedy=remedy) for problem in error.problems], error.heading) from None
+
+
+def sketch_of_mesh(
+    assembly: CadAssembly, content: MeshContent, name: str, file: str, chosen: Sequence[str] = ()
+) -> SceneSketch:
+    """The scene of the parts of a mesh; ``file`` : the mesh, relative to the scene. ``chosen`` : groups that are listed
+    in it."""
     sketch = sketch_of(assembly, name, file, _TOUCH * _size(assembly.parts))
-    lines = []
+    lines = [f"parts = {toml_value(list(chosen))}"] if chosen else []
     if content.refused:
         words = toml_value(list(content.refused))
         lines.append(f"ignore = {words}".ljust(40) + "# (?) what of the file is left out")

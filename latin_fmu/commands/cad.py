@@ -84,6 +84,7 @@ _OF_MESHES = """\
 examples:
   latin-fmu scene bracket.msh               bracket.toml
   latin-fmu scene data/bracket.vtu -o joint --unit mm
+  latin-fmu scene deck.inp --part base --part lid
 """
 
 
@@ -97,6 +98,10 @@ def scene(
     unit: Annotated[
         _Length | None, Option("unit of length of the file (default: the one that it names, else by its size)")
     ] = None,
+    parts: Annotated[
+        tuple[str, ...],
+        Option("volume group that is a part; may be repeated (default: those that share the cells)", "GROUP", "--part"),
+    ] = (),
 ) -> int:
     """Write a scene of a mesh to go on with: a material for each part, contacts, a support; never over one that is
     there."""
@@ -112,8 +117,9 @@ def scene(
     if not file.is_file():
         raise InputError.of("bad argument", str(file), "no such file")
     content = read_content(file)
-    assembly = assembly_of_mesh(content, file.name, part_name(target.name), unit)
-    text = scene_text(sketch_of_mesh(assembly, content, target.name, _relative(file, target.parent)))
+    assembly = assembly_of_mesh(content, file.name, part_name(target.name), unit, parts)
+    relative = _relative(file, target.parent)
+    text = scene_text(sketch_of_mesh(assembly, content, target.name, relative, parts))
     print("\n".join([*told(assembly), *_with_scene(target, text)]))
     return CONVERGED
 

@@ -93,3 +93,15 @@ def test_a_file_without_groups_is_one_part_and_what_is_no_mesh_is_refused(
     assert main(["scene", str(tmp_path / "a.step"), "-o", str(tmp_path / "a")]) == 2
     assert "latin-fmu mesh a.step" in capsys.readouterr().err
     assert not (tmp_path / "a.toml").exists()
+
+
+def test_groups_that_overlap_are_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = deck(tmp_path / "three.inp")
+    file.write_text(file.read_text() + "*ELSET, ELSET=some\n1, 101\n")
+    command = ["scene", str(file), "-o", str(tmp_path / "three")]
+    assert main(command) == 2
+    assert "--part A --part B" in capsys.readouterr().err
+    assert main([*command, "--part", "plate", "--part", "block-1"]) == 0
+    assert list(latin_fmu.load_scene(tmp_path / "three.toml").substructure) == ["plate", "block_1"]
+    assert main([*command, "--part", "plat"]) == 2
+    assert "no such volume group" in capsys.readouterr().err
