@@ -29,6 +29,8 @@ COMMANDS: Final = MappingProxyType(
         "check": "describe",
         "explain": "describe",
         "import": "decks",
+        "mesh": "cad",
+        "scene": "cad",
         "plot": "describe",
         "view": "describe",
         "reference": "describe",
@@ -65,6 +67,8 @@ examples:
   latin-fmu view crushing.nc
   latin-fmu run two_specimen_crushing/scene.toml --set load.press.pressure=100e6
   latin-fmu import bracket.inp
+  latin-fmu mesh bracket.step
+  latin-fmu scene bracket.msh
   latin-fmu cost two_specimen_crushing/scene.toml -o study
   latin-fmu sweep two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
   latin-fmu calibrate scene.toml shock.csv --fit bolt.m6.force --fit interface.lap.friction_coefficient

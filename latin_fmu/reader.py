@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from .errors import MeshError, Problem, SceneError, listed, shown
+from .errors import MeshError, Problem, SceneError, did_you_mean, listed, shown
 from .file_digest import is_damaged
 from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
@@ -218,6 +219,7 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
         groups, content = _parts(name, table, base_dir, problems)
         if content is not None:
             said.append((content, {group: part for part, group in groups.items() if group is not None}, table))
+        problems += _idle_patterns(name, table, list(groups))
         for part, group in groups.items():
             if part in owner:
                 what = f"the part {part!r} is in mesh.{owner[part]} too"
@@ -257,6 +259,16 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     if problems:
         return raw, problems
     return _with_body_names(whole, set(whole["substructure"])), []
+
+
+def _idle_patterns(name: str, table: MeshParts, parts: Sequence[str]) -> Iterator[Problem]:
+    """Patterns of materials that no part has a name like."""
+    patterns = table.material if isinstance(table.material, dict) else {}
+    for pattern in patterns:
+        if parts and not any(fnmatchcase(part, pattern) for part in parts):
+            where = f'mesh.{name}.material."{pattern}"'
+            remedy = did_you_mean(pattern, parts) or "remove it, or change it"
+            yield Problem(where, "no part has a name like this", None, listed(parts), remedy)
 
 
 _FACES = ("face", "faces", "sides")  # keys with names of faces
@@ -347,7 +359,8 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
         mesh["mesh_only"] = True
     if group is not None:
         mesh["group"] = group
-    default = {} if table.material is None else {"material": table.material}
+    material = table.material_of(part)
+    default = {} if material is None else {"material": material}
     if own is None:
         return {**default, "mesh": mesh}
     if not isinstance(own, Mapping):

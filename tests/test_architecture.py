@@ -39,7 +39,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cholesky", "laws"),
     ("kernels",),
     ("fem", "interface", "time_scheme"),
-    ("decks",),
+    ("decks", "cad"),
     ("propagator",),
     ("latin",),
     ("results",),
@@ -62,6 +62,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 )
 NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
 MAPPED = (
+    "cad",
     "checks",
     "cosim",
     "kernels",

@@ -20,11 +20,14 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from ..errors import MeshError, Problem
 from ..machine import memory_room
 from .content import MeshContent
+
+_Argument = TypeVar("_Argument")
+_Result = TypeVar("_Result")
 
 NO_LIMIT: Final = "LATIN_FMU_MESH_LIMIT"
 """Variable of the environment; 0: libraries read in this process."""
@@ -34,6 +37,7 @@ _MEMORY, _MEMORY_OF_BYTE = 3 << 30, 200
 _START: Final = 30.0  # seconds by the clock until a process reads, on a machine with much else to do
 _WAITING: Final = 10.0  # seconds by the clock for one of processor time: a library may wait for ever, too
 _NO_MEMORY: Final = "no memory"
+_ROOT: Final = Path(__file__).parents[__name__.count(".")]  # the folder that the package is in
 _REMEDY: Final = "export the mesh again, best as .msh, .inp or .bdf, or read it without limits: --no-limit"
 
 
@@ -64,65 +68,83 @@ def read_in_child(reader: Callable[[Path], MeshContent], path: Path, title: str)
     ------
     MeshError : of the reader; past a limit, or where the process dies, with the format and the library.
     """
-    root = Path(__file__).parents[__name__.count(".")]  # the folder that the package is in
-    if os.environ.get(NO_LIMIT) == "0" or not _is_python(sys.executable) or not _is_below(root):
+    if os.environ.get(NO_LIMIT) == "0" or not can_start():
         return reader(path)
-    limits = Limits.of(path)
-    job = (
-        [str(Path(p).absolute()) for p in sys.path],
-        reader.__module__,
-        reader.__qualname__,
-        path.absolute(),
-        limits.seconds,
-        limits.memory,
-    )
-    code = f"from {__name__} import serve; serve()"
-    # the pools of threads of numerical libraries take memory, and nothing here is worth a second thread
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(root)}
+
+    def refused(what: str) -> MeshError:
+        return MeshError([Problem(path.name, f"the reader of {title} {what}", remedy=_REMEDY)], "unreadable mesh")
+
     try:
-        with subprocess.Popen(
-            [sys.executable, "-c", code],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=environment,
-        ) as process:
-            try:
-                result, said = process.communicate(pickle.dumps(job), timeout=_START + _WAITING * limits.seconds)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                raise _past_limit(path, title, f"does not return within {_WAITING * limits.seconds:.0f} s") from None
-            except BaseException:
-                process.kill()
-                raise
+        return in_child(reader, path.absolute(), Limits.of(path), refused)
     except OSError:  # no second process can be started
         return reader(path)
-    return _outcome(path, title, limits, process.returncode, result, said)
 
 
-def _outcome(path: Path, title: str, limits: Limits, code: int, result: bytes, said: bytes) -> MeshContent:
-    """Content that a process has sent; the reason where it has none."""
-    if code == 0:
-        content, problems, heading = pickle.loads(result)
-        if content is not None:
-            assert isinstance(content, MeshContent)
-            return content
-        if problems != _NO_MEMORY:
-            raise MeshError(problems, heading)
+def can_start() -> bool:
+    """Whether a process can be started in which this package is imported by its name."""
+    return _is_python(sys.executable) and _is_below(_ROOT)
+
+
+def in_child(
+    work: Callable[[_Argument], _Result], argument: _Argument, limits: Limits, refused: Callable[[str], MeshError]
+) -> _Result:
+    """What a function of the package makes of an argument, in a process of its own.
+
+    Parameters
+    ----------
+    work : function of a module. refused : the error for a process that does not return, from what it does in words.
+
+    Raises
+    ------
+    MeshError : of the function; past a limit, or where the process dies, the one that ``refused`` makes.
+    OSError : no process can be started.
+    """
+    path = [str(Path(p).absolute()) for p in sys.path]
+    job = (path, work.__module__, work.__qualname__, argument, limits.seconds, limits.memory)
+    code = f"from {__name__} import serve; serve()"
+    # the pools of threads of numerical libraries take memory, and nothing here is worth a second thread
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(_ROOT)}
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+    ) as process:
+        try:
+            result, said = process.communicate(pickle.dumps(job), timeout=_START + _WAITING * limits.seconds)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise refused(f"does not return within {_WAITING * limits.seconds:.0f} s") from None
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode != 0:
+        raise refused(_end(limits, process.returncode, said))
+    value, problems, heading = pickle.loads(result)
+    if problems == _NO_MEMORY:
+        raise refused(_past_memory(limits))
+    if problems is not None:
+        raise MeshError(problems, heading)
+    return value  # type: ignore[no-any-return]
+
+
+def _past_memory(limits: Limits) -> str:
+    return f"takes more than {limits.memory / 1e9:.2g} GB of memory"
+
+
+def _end(limits: Limits, code: int, said: bytes) -> str:
+    """What a process does that ends with a code other than 0."""
     if code == -getattr(signal, "SIGXCPU", 0) or code == -getattr(signal, "SIGKILL", 0):
-        raise _past_limit(path, title, f"takes more than {limits.seconds:.3g} s of processor time")
-    if code == 0 or b"MemoryError" in said or b"bad_alloc" in said:
-        raise _past_limit(path, title, f"takes more than {limits.memory / 1e9:.2g} GB of memory")
+        return f"takes more than {limits.seconds:.3g} s of processor time"
+    if b"MemoryError" in said or b"bad_alloc" in said:
+        return _past_memory(limits)
     if code < 0:
         name = signal.Signals(-code).name
     else:
         name = f"exit code {code}"
     last = said.decode("utf-8", "replace").strip().splitlines()[-1:]
-    raise _past_limit(path, title, ": ".join([f"dies ({name})", *last])[:300])
-
-
-def _past_limit(path: Path, title: str, what: str) -> MeshError:
-    return MeshError([Problem(path.name, f"the reader of {title} {what}", remedy=_REMEDY)], "unreadable mesh")
+    return ": ".join([f"dies ({name})", *last])[:300]
 
 
 def _is_python(program: str | None) -> bool:
@@ -136,17 +158,17 @@ def _is_below(root: Path) -> bool:
 
 
 def serve() -> None:
-    """Read the file of a job on stdin; its content, or what is wrong with it, goes to stdout.
+    """Do a job from stdin; what comes out of it, or what is wrong, goes to stdout.
 
     What libraries print, in C too, goes to stderr.
     """
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    sys.path[:], module, name, path, seconds, memory = pickle.load(sys.stdin.buffer)
+    sys.path[:], module, name, argument, seconds, memory = pickle.load(sys.stdin.buffer)
     _limit(seconds, memory)
-    reply: tuple[MeshContent | None, object, str]
+    reply: tuple[object, object, str]
     try:
-        reply = (getattr(importlib.import_module(module), name)(path), None, "")
+        reply = (getattr(importlib.import_module(module), name)(argument), None, "")
     except MeshError as error:
         reply = (None, error.problems, error.heading)
     except MemoryError:

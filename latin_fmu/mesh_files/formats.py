@@ -120,6 +120,9 @@ CAD: Final = frozenset(
 )
 """Suffixes of files that hold a geometry and no mesh."""
 
+MESHED: Final = ".msh"
+"""Suffix of the meshes that are made of CAD files."""
+
 SURFACES: Final = frozenset({".stl", ".obj", ".off", ".ply", ".wkt", ".svg"})
 """Suffixes of files that hold surfaces and no solid cells."""
 

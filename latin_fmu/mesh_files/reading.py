@@ -57,9 +57,8 @@ def _format(path: Path) -> Format:
         return row
     suffix, allowed = suffix_of(path), known_suffixes()
     if suffix in CAD:
-        what, mesh = "a CAD file holds no mesh", f"{path.stem}.msh"
-        remedy = f"mesh it, e.g. gmsh -3 {path.name} -order 2 -clmax 5 -o {mesh} (lengths in the unit of the file: add "
-        raise MeshError.of("unreadable mesh", path.name, what, suffix, allowed, f"{remedy}scale = 1e-3 for mm)")
+        what, remedy = "a CAD file holds no mesh", f"mesh it, with a scene: latin-fmu mesh {path.name}"
+        raise MeshError.of("unreadable mesh", path.name, what, suffix, allowed, remedy)
     if suffix in SURFACES:
         what, remedy = "files of this kind hold surfaces and no solid cells", "mesh the volume inside, e.g. with gmsh"
         raise MeshError.of("unreadable mesh", path.name, what, suffix, allowed, remedy)

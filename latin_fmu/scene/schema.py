@@ -88,7 +88,10 @@ _HEADING = "the scene cannot be used"
 
 
 def _of_parts(problem: Problem) -> bool:
-    """Whether a problem comes from parts that could not be had: no substructures or materials, or incomplete ones."""
+    """Whether a problem comes from parts that could not be had: no substructures or materials, or incomplete ones, or
+    bolts with patterns of parts."""
+    if problem.where.startswith("bolt.") and problem.where.endswith(".substructure") and not problem.value:
+        return True
     return problem.what == "this key is missing" and problem.where.startswith(("substructure", "material"))
 
 

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -225,7 +226,13 @@ class MeshParts(SceneTable):
         about('volume groups that become substructures; "*": those that share the cells of the file among them'),
         Field(min_length=1),
     ] = (ALL,)
-    material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = None
+    material: Annotated[
+        Name | Annotated[dict[Text, Name], Field(min_length=1)] | None,
+        about(
+            "material of the parts whose [substructure.PART] names none; or a table of materials by patterns of names, "
+            '{"bolt_*" = "steel", "*" = "aluminium"}, of which the first that fits counts'
+        ),
+    ] = None
     ignore: Ignored = ()
     mesh_only: MeshOnly = False
     take: Annotated[
@@ -233,6 +240,12 @@ class MeshParts(SceneTable):
         BeforeValidator(_as_list),
         about("entries of a Nastran deck that become point masses and couplings, all of each kind"),
     ] = ()
+
+    def material_of(self, part: str) -> str | None:
+        """Material of a part whose substructure names none; None where the table has none for it."""
+        if self.material is None or isinstance(self.material, str):
+            return self.material
+        return next((name for pattern, name in self.material.items() if fnmatchcase(part, pattern)), None)
 
 
 def part_name(group: str) -> str:

@@ -117,7 +117,7 @@ MISTAKES: dict[str, tuple[list[tuple[str, str]], int, list[str]]] = {
         [("box = {origin = [0.0, 0.0, 0.1], size = [0.1, 0.1, 0.1], elements = [2, 2, 2]}",
           'mesh = {file = "part.step"}')],
         BAD_INPUT,
-        ["part.step", "CAD", "gmsh -3 part.step"],
+        ["part.step", "CAD", "latin-fmu mesh part.step"],
     ),
     "CSV missing": ([('{type = "half_sine", duration = 1e-4}', '{type = "csv", file = "pulse.csv"}')], BAD_INPUT,
                     ["pulse.csv", "does not exist", "relative to the scene"]),

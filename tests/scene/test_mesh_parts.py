@@ -156,3 +156,18 @@ def test_names_of_parts() -> None:
         "ground_",
         "part__",
     ]
+
+
+def test_materials_by_patterns_of_which_the_first_that_fits_counts(folder: Path) -> None:
+    effective = scene_from_dict(scene(material={"up*": "alu", "*": "steel"}), folder)
+    assert {name: s.material for name, s in effective.substructure.items()} == {"low_er": "steel", "upper": "alu"}
+    own = scene(material={"*": "steel"}) | {"substructure": {"upper": {"material": "alu"}}}
+    assert scene_from_dict(own, folder).substructure["upper"].material == "alu"
+
+
+def test_a_pattern_of_materials_that_no_part_fits_and_a_part_without_a_material(folder: Path) -> None:
+    (problem,) = problems_of(scene(material={"uper": "alu", "*": "steel"}), folder)
+    assert problem.where == 'mesh.all.material."uper"'
+    assert problem.remedy == "did you mean 'upper'?"
+    problems = problems_of(scene(material={"up*": "alu"}), folder)
+    assert "substructure.low_er.material" in {p.where for p in problems}

@@ -1,0 +1,1 @@
+"""Tests of CAD assemblies as meshes and scenes."""
