@@ -66,7 +66,9 @@ class Attempt:
         refused = ""
         if modes_open and options.kept is not None:
             refused = options.kept.modes_refused
-        return Attempt(options.may_leave_bodies_out, yielding, modes_open and not refused, refused)
+        # the stress that a scene asks for is that of all its bodies
+        leave_out = options.may_leave_bodies_out and scene.effects.prestress != "on"
+        return Attempt(leave_out, yielding, modes_open and not refused, refused)
 
     def applied(self, discretised: DiscretisedProblem) -> DiscretisedProblem:
         """The problem with the elongations of bolts, and with the stiffness of stress or without."""

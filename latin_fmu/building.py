@@ -102,7 +102,10 @@ def _stressed_by_loads(
 
     at_rest = loaded_at_rest(discretised, amplitudes)
     if at_rest is None:
-        return discretised
+        if discretised.scene.effects.prestress != "on" or discretised.scene.time.quasi_static:
+            return discretised
+        words = "effects.prestress: nothing that acts at t = 0 stresses bodies at rest, and no stress has a stiffness"
+        return replace(discretised, remarks=(*discretised.remarks, *remarks_of("prestress", [words])))
     from .statics.prestressed import stressed_by_loads
 
     return stressed_by_loads(discretised, at_rest, amplitudes, restricted)

@@ -270,7 +270,7 @@ def prestress(p: Prediction) -> Effect:
     if choice == "off":
         return _off(name, why, "the scene leaves it out", 'effects.prestress = "automatic"')
     if p.run.static or not (isinstance(p.scene.time.start, StaticStart) or loaded_at_rest(p.discretised, {})):
-        words = "no motion about a state whose stress could change its frequencies"
+        words = "no motion about a stressed state"
         return _off(name, ("time.start",), words, 'time.start = "static"')
     reason = {
         "automatic": "taken if the stress of t = 0 changes a natural frequency by more than 1 %, which the start shows",

@@ -295,8 +295,8 @@ class Effects(SceneTable):
         Literal["automatic", "on", "off"],
         about(
             "geometric stiffness of the stress at t = 0 (loads, bolts, heat): parts in tension are stiffer, compressed "
-            "ones softer, and slender ones buckle; automatic: if it changes a natural frequency of the clamped "
-            "assembly by more than 1 %, or if a run without it shows that parts rock on their contacts"
+            "ones softer, and slender ones buckle; automatic: of a static start, if it changes a natural frequency of "
+            "the clamped assembly by more than 1 %, or if a run without it shows that parts rock on their contacts"
         ),
     ] = "automatic"
 

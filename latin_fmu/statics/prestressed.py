@@ -40,12 +40,16 @@ from ..joined.joined_assembly import JoinedAssembly, pressed_of
 from ..joined.stress_ratios import StressRatios, known_ratio, stress_ratios
 from ..joined.tied_assembly import TieError
 from ..remarks import remarks_of
+from ..scene.fields import ALL_OF_IT
 from .equilibrium import equilibrium_at_once
-from .loads_at_start import NEGLIGIBLE, STOUT, thickness
 from .places_at_rest import least_displaced
 from .starts import undisplaced_equilibrium
 from .statics import static_problem, static_scene, static_size
 
+NEGLIGIBLE: Final = 0.01
+"""Change of a natural frequency below which stress is left out."""
+_STOUT: Final = 6.0
+"""Strain times square of slenderness over mu: columns that are clamped at one end have less."""
 _SURE: Final = 0.75  # of that, with the modes of another run
 _NEAR: Final = 2.0  # load factor of buckling below which a linear equilibrium is doubtful
 _UNMOVED: Final = 1e-6
@@ -305,9 +309,14 @@ def _stout(problem: DiscretisedProblem, state: InitialState) -> bool:
         stress = recovery.nodal_stress(nodal[None])[0]
         largest = float(np.abs(stress).max() + np.abs(_unstrained(problem, body)).max())
         strain = largest / body.shape.elasticity.young_moduli[0]
-        if STOUT * strain * (size / thickness(body)) ** 2 > 2.0 * NEGLIGIBLE:
+        if _STOUT * strain * (size / _thickness(body)) ** 2 > 2.0 * NEGLIGIBLE:
             return False
     return True
+
+
+def _thickness(body: Body) -> float:
+    """Twice the volume over the surface, m: that of a plate."""
+    return 2.0 * float(body.shape.elements.volume.sum()) / float(body.face(ALL_OF_IT).areas.sum())
 
 
 def _refuse_buckled(ratios: StressRatios) -> None:

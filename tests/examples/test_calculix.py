@@ -166,7 +166,7 @@ def test_clamped_modes_are_those_of_calculix(modules: dict[str, ModuleType], tmp
     ready, count = discretise(scene), 8
     state = start_state(scene)
     assert state is not None
-    closed = pressed_of(state)
+    closed = pressed_of(ready, state)
     deck = modules["calculix"].Deck(ready, modules["calculix"].Choices())
     for unit in ready.units:
         shared = np.ones(unit.geometry.n_point, dtype=bool) if unit.name in ("top", "thread") else closed[unit.name]

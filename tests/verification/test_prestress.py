@@ -203,6 +203,7 @@ def test_loads_that_are_there_from_the_start_stress_bodies() -> None:
     data["load"]["tap"] = {"face": "strip.zmax", "pressure": 10.0, "law": {"type": "half_sine", "duration": 1e-3}}
     data["sensor"] = {"middle": {"substructure": "strip", "point": [0.0, 0.0, 0.0]}}
     data["time"] = {"end": 60e-3, "step": 2e-5}
+    data["effects"] = {"prestress": "on"}
     scene = latin_fmu.scene_from_dict(data)
     expected = latin_fmu.vibration_modes(pinned(-0.5 * EULER), count=1).frequency[0]
     assert latin_fmu.vibration_modes(scene, count=1).frequency[0] == pytest.approx(expected, rel=1e-6)
@@ -218,11 +219,13 @@ def test_what_flies_has_no_stress() -> None:
     data["load"], data["boundary"] = {}, {}
     data["gravity"] = {"acceleration": [0.0, 0.0, -9.81e6]}
     data["time"] = {"end": 1e-3, "step": 1e-5}
+    data["effects"] = {"prestress": "on"}
     for velocity in ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]):
         data["substructure"]["strip"]["initial_velocity"] = velocity
         problem, start = started(discretise(latin_fmu.scene_from_dict(data)), {})
         assert start is None
         assert problem.prestress is None
+        assert any("nothing that acts at t = 0 stresses bodies at rest" in str(remark) for remark in problem.remarks)
 
 
 @pytest.mark.parametrize("propagator", ["direct", "modal"])
