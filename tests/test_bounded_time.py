@@ -205,6 +205,7 @@ def test_the_coarse_run_of_explain_is_limited(capsys: pytest.CaptureFixture[str]
     assert "has no effect without --run" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_simulations_are_limited(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A co-simulation of 100,000 steps, and one that is over before its first step."""
     pytest.importorskip("fmpy")

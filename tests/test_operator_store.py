@@ -212,6 +212,7 @@ def test_a_state_has_all_its_parts_behind_its_arrays(tmp_path: Path):
     assert state_of(state_arrays(None)) is None
 
 
+@pytest.mark.slow
 def test_the_tightened_state_is_read_where_nothing_that_it_depends_on_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -168,6 +168,7 @@ def test_estimated_error(example: ModuleType, tmp_path: Path) -> None:
         assert 0.0 < numbers[f"true_{quantity}_{mesh:g}"] < numbers[f"estimated_{quantity}_{mesh:g}"] < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["prestress"], indirect=True)
 def test_prestress(example: ModuleType, tmp_path: Path) -> None:
     """A stack in contact under a force against the exact column, and its ring-down."""

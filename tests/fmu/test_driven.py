@@ -189,7 +189,9 @@ def test_the_quantities_are_all_there_are():
 
 @pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")
 @pytest.mark.parametrize("block", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["", "rigid"])
-@pytest.mark.parametrize("drive", ["velocity", "acceleration", "displacement"])
+@pytest.mark.parametrize(
+    "drive", ["acceleration", *(pytest.param(d, marks=pytest.mark.slow) for d in ("velocity", "displacement"))]
+)
 def test_the_base_of_a_bolted_joint_moves_from_the_first_step_on(opened, fmi, tmp_path, drive, block):
     """A compiled FMU gives the run, by rates and as a whole history, with a rigid block that is pressed on the joint,
     too. The start is an equilibrium whose round-off must not decide whether bodies accelerate: the initial state is a

@@ -152,11 +152,12 @@ def apart(exact: np.ndarray, found: np.ndarray) -> float:
 
 
 PAIRS = [(case, parameter) for case, (_, parameters) in CASES.items() for parameter in parameters]
+# a quarter of them in quick runs of the tests
+QUICK = PAIRS[::4]
+SLOW = [pytest.param(*pair, marks=pytest.mark.slow) for pair in PAIRS if pair not in QUICK]
 
 
-@pytest.mark.parametrize(
-    ("case", "parameter"), [*PAIRS[::2], *(pytest.param(*pair, marks=pytest.mark.slow) for pair in PAIRS[1::2])]
-)
+@pytest.mark.parametrize(("case", "parameter"), [*QUICK, *SLOW])
 def test_derivatives_are_differences_of_runs(case: str, parameter: str) -> None:
     """Histories of interfaces, bonds among them, sensors and bolts."""
     found = differentiated(case).sensitivities
@@ -196,7 +197,7 @@ def jump(history: InterfaceHistory) -> np.ndarray:
     return history.velocity[:, 0] - history.velocity[:, 1]
 
 
-@pytest.mark.parametrize(("case", "parameter"), PAIRS)
+@pytest.mark.parametrize(("case", "parameter"), [*QUICK, *SLOW])
 def test_scalars_are_differences_of_runs(case: str, parameter: str) -> None:
     """Those that are not flagged, to a per cent of the change or a thousandth of the value."""
     solution, scene = differentiated(case), scene_of(case)
@@ -215,7 +216,9 @@ def test_scalars_are_differences_of_runs(case: str, parameter: str) -> None:
     assert compared > 0
 
 
-@pytest.mark.parametrize("case", ["friction and loads", "damped by ratios", "bolted"])
+@pytest.mark.parametrize(
+    "case", ["friction and loads", "damped by ratios", pytest.param("bolted", marks=pytest.mark.slow)]
+)
 def test_derivatives_of_both_marches_agree(case: str) -> None:
     """As far as steps and modes allow: displacements, and forces and tensions by what presses the joint."""
     modes = differentiated(case).sensitivities
@@ -269,6 +272,7 @@ def test_checks_are_runs_by_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(found) == 1
 
 
+@pytest.mark.slow
 def test_calibration_is_marched_by_modes_on_one_set_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """By friction and damping, from the velocity of a run: every run has derivatives, and modes are looked for once."""
     monkeypatch.setattr(cost, "PAYS", 0.0)

@@ -256,6 +256,7 @@ def test_scalars_are_those_of_central_differences(case: Case) -> None:
                 assert known[f"{name}.{key}"].changes[i] == pytest.approx(difference, rel=1e-4, abs=floor), key
 
 
+@pytest.mark.slow
 def test_tension_of_a_bolt_follows_the_force_it_is_given() -> None:
     """Statics keep the tension at its target; the shock changes it alike."""
     solution = differentiated(BOLTED)
@@ -268,6 +269,7 @@ def test_tension_of_a_bolt_follows_the_force_it_is_given() -> None:
         assert apart(getattr(own.sensors["end"], motion), *values, own.value) < 1e-4
 
 
+@pytest.mark.slow
 def test_spectra_and_last_values_are_those_of_central_differences() -> None:
     solution = differentiated(BOLTED)
     known = solution.sensitivities
