@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from .results.spectra import shock_response_spectrum
     from .results.views import amplitude_spectrum, pressure_map, resultant, ring_down, sensor_spectrum, skin
     from .scene.schema import Scene
+    from .shock.base_histories import base_history
+    from .shock.specification import Specification
 
 __version__ = "0.3.0"
 
@@ -72,8 +74,10 @@ __all__ = [
     "SceneError",
     "Solution",
     "SolverError",
+    "Specification",
     "amplitude_spectrum",
     "backbone",
+    "base_history",
     "calibrate",
     "check",
     "estimate_error",
@@ -113,6 +117,8 @@ _MODULES: Final = MappingProxyType(
         "sample": "parametric.samples",
         "scene_from_dict": "reader",
         "shock_response_spectrum": "results.spectra",
+        "base_history": "shock.base_histories",
+        "Specification": "shock.specification",
         "solve": "api",
         "sweep": "parametric.study",
         "vibration_modes": "modal.modes",

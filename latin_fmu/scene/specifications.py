@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from ..shock.base_histories import WAVES as _WAVES
-from ..shock.base_histories import BaseHistory, TestStand, Waves, base_history
-from ..shock.specification import HIGHEST_SHARE, Specification, breakpoint_problems
+from ..shock.base_histories import BaseHistory, TestStand, Waves, base_history, sampling_problems
+from ..shock.specification import Specification, breakpoint_problems
 from .fields import refusal
 from .number_files import factor, number_table
 from .records import column_unit, named_unit
@@ -64,21 +64,17 @@ class Request:
         Raises the refusal of the law: no breakpoints, breakpoints that are none, a rate too low for them.
         """
         frequency, acceleration = _breakpoints(data, base_dir, system)
-        rate = data.get("rate")
-        if rate is not None and frequency[-1] > HIGHEST_SHARE * rate:
-            allowed = f"up to {HIGHEST_SHARE:g} of the rate, {HIGHEST_SHARE * rate:g} Hz"
-            raise refusal("the specification goes beyond its samples", value=f"{frequency[-1]:g} Hz", allowed=allowed)
-        duration = data.get("duration")
-        if duration is not None and duration * frequency[0] < _FEWEST_PERIODS:
-            allowed = f"{_FEWEST_PERIODS / frequency[0]:g} s or more, {_FEWEST_PERIODS:g} of its longest periods"
-            raise refusal("the history is too short for its specification", value=f"{duration:g} s", allowed=allowed)
         peak, velocity, displacement = (data.get(key) or np.inf for key in _LIMITED)
+        specification = Specification(np.array(frequency), np.array(acceleration), float(data.get("quality", 10.0)))
+        stand = TestStand(peak, velocity, displacement, data.get("duration"), data.get("rate"))
+        for problem in sampling_problems(specification, stand):
+            raise refusal(problem.what, value=problem.value, allowed=problem.allowed)
         return Request(
-            Specification(np.array(frequency), np.array(acceleration), float(data.get("quality", 10.0))),
+            specification,
             data.get("waves", "wavelets"),
             float(data.get("tolerance", 1.0)),
             int(data.get("seeds", 5)),
-            TestStand(peak, velocity, displacement, duration, rate),
+            stand,
         )
 
     def history(self, progress: Callable[[str], None] | None = None) -> BaseHistory:
@@ -148,7 +144,6 @@ def missed(history: BaseHistory, tolerance: float, units: UnitSystem) -> list[st
 
 _NUMBERS: Final = ("quality", "tolerance", "seeds", "duration", "rate", "peak", "velocity", "displacement")
 _LIMITED: Final = {"peak": "m s-2", "velocity": "m s-1", "displacement": "m"}
-_FEWEST_PERIODS: Final = 2.0
 
 
 def _is_number(value: object) -> bool:

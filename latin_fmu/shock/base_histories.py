@@ -33,8 +33,9 @@ import scipy.linalg as la
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from ..errors import InputError, Problem
 from .oscillators import largest_responses, ramp_filter
-from .specification import Specification
+from .specification import HIGHEST_SHARE, Specification
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
@@ -44,6 +45,7 @@ RATE: Final = 16.0
 """Samples per period of the highest frequency."""
 PERIODS: Final = 6.0
 """Duration over the longest period, where none is asked for."""
+_FEWEST_PERIODS: Final = 2.0  # of the lowest frequency in a history
 _HALF_WAVES: Final = 3, 13  # of a wavelet
 _DAMPING: Final = 0.05, 0.12  # ratios of damped sines
 _DECAYED: Final = 12.0  # zeta omega s from which on a damped sine is over: 6e-6
@@ -154,14 +156,25 @@ def base_history(
     waves : see the module docstring. tolerance : dB, at each twelfth of an octave. seeds : of delays and lengths.
     stand : limits and sampling. progress : called with a line a seed.
 
+    Raises
+    ------
+    InputError : no seeds, a tolerance that is none, a history too short or too coarse (``sampling_problems``).
+
     Examples
     --------
-    >>> specification = Specification.of([100.0, 1000.0, 4000.0], [200.0, 5000.0, 5000.0])
-    >>> history = base_history(specification, seeds=[0])
+    >>> specification = latin_fmu.Specification.of([100.0, 1000.0, 4000.0], [200.0, 5000.0, 5000.0])
+    >>> history = latin_fmu.base_history(specification, seeds=[0])
     >>> bool(history.error < 1.0), bool(abs(history.velocity[-1]) < 1e-9 * abs(history.velocity).max())
     (True, True)
     """
-    stand = stand or TestStand()
+    stand, seeds = stand or TestStand(), list(seeds)
+    problems = sampling_problems(specification, stand)
+    if not seeds:
+        problems.append(Problem("seeds", "none", allowed="one or more"))
+    if not tolerance > 0.0:
+        problems.append(Problem("tolerance", "not positive", f"{tolerance:g}", "dB > 0"))
+    if problems:
+        raise InputError(problems, "no base history")
     sums = [_Sum(specification, waves, seed, stand) for seed in seeds]
     for sum_ in sums:
         sum_.by_ratios()
@@ -174,9 +187,22 @@ def base_history(
             progress(f"seed {found.seed}: within {found.error:.2g} dB, peak {peak:.4g} m/s2")
         if best is None or _rank(found, tolerance) < _rank(best, tolerance):
             best = found
-    if best is None:
-        raise ValueError("no seeds")
+    assert best is not None
     return best
+
+
+def sampling_problems(specification: Specification, stand: TestStand) -> list[Problem]:
+    """A rate too low for the highest frequency of a specification, a duration too short for its lowest one."""
+    first, last = float(specification.frequency[0]), float(specification.frequency[-1])
+    problems = []
+    if stand.rate is not None and last > HIGHEST_SHARE * stand.rate:
+        allowed = f"up to {HIGHEST_SHARE:g} of the rate, {HIGHEST_SHARE * stand.rate:g} Hz"
+        problems.append(Problem("rate", "the specification goes beyond its samples", f"{last:g} Hz", allowed))
+    if stand.duration is not None and stand.duration * first < _FEWEST_PERIODS:
+        allowed = f"{_FEWEST_PERIODS / first:g} s or more, {_FEWEST_PERIODS:g} of its longest periods"
+        what = "the history is too short for its specification"
+        problems.append(Problem("duration", what, f"{stand.duration:g} s", allowed))
+    return problems
 
 
 def _rank(history: BaseHistory, tolerance: float) -> tuple[bool, float]:

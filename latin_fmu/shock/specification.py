@@ -26,6 +26,12 @@ class Specification:
     ----------
     frequency : (n,) of the breakpoints, increasing, Hz. acceleration : (n,) there, m s-2. quality : Q of the
     oscillators.
+
+    Examples
+    --------
+    >>> specification = latin_fmu.Specification.of([100.0, 1000.0], [200.0, 2000.0])
+    >>> float(specification.at(400.0).round(6))
+    800.0
     """
 
     frequency: Array

@@ -237,3 +237,17 @@ def test_breakpoints_are_checked() -> None:
         Specification.of([10.0, 5.0], [1.0, 1.0])
     with pytest.raises(InputError, match="quality"):
         Specification.of([10.0, 50.0], [1.0, 1.0], 0.3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"stand": TestStand(rate=3000.0)}, "beyond its samples"),
+        ({"stand": TestStand(duration=1e-3)}, "too short for its specification"),
+        ({"seeds": []}, "seeds: none"),
+        ({"tolerance": 0.0}, "tolerance: not positive"),
+    ],
+)
+def test_requests_are_checked(options: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        base_history(Specification.of([100.0, 2000.0], [200.0, 4000.0]), **options)  # type: ignore[arg-type]
