@@ -30,7 +30,7 @@ from pydantic import TypeAdapter
 
 from ..cosim.variable import Variable, table_from, table_text
 from ..latin.state_serialization import decode, encode
-from ..scene.laws import HalfSineLaw, InputLaw, Law, PointsLaw, RectangularPulseLaw, StepLaw, TimeLaw
+from ..scene.laws import CsvLaw, HalfSineLaw, InputLaw, Law, RectangularPulseLaw, SrsLaw, StepLaw, TableLaw, TimeLaw
 
 Array = NDArray[np.float64]
 STIFFNESS = "contactStiffness"
@@ -506,7 +506,7 @@ def _knots(law: TimeLaw) -> Iterator[float]:
         yield law.start
     elif isinstance(law, RectangularPulseLaw | HalfSineLaw):
         yield from (law.start, law.start + law.duration)
-    elif isinstance(law, PointsLaw):
+    elif isinstance(law, TableLaw | CsvLaw | SrsLaw):
         # every k-th point, k rounded up
         yield from law.times[:: -(-len(law.times) // _MOST_KNOTS)]
 

@@ -82,7 +82,9 @@ class ShockSpectrum:
 
     @property
     def _omega(self) -> Array:
-        return (2.0 * np.pi * self.frequency).reshape(-1, *[1] * (self.pseudo_velocity.ndim - 2))
+        omega = 2.0 * np.pi * self.frequency
+        # (5, n) of a record; (..., 5, n, component) otherwise
+        return omega if self.pseudo_velocity.ndim == 2 else omega[:, None]
 
 
 def shock_response_spectrum(

@@ -71,7 +71,7 @@ def _check_points(times: Points, values: Points) -> None:
         )
 
 
-class PointsLaw(SceneTable):
+class _PointsLaw(SceneTable):
     """Points in time, linear in between, held at both ends."""
 
     if TYPE_CHECKING:  # fields of the laws below, each with a description of its own
@@ -92,7 +92,7 @@ class PointsLaw(SceneTable):
         return _integral(t0, t1, self.times, self.values)
 
 
-class TableLaw(PointsLaw):
+class TableLaw(_PointsLaw):
     """Given points, linear in between, held at both ends."""
 
     type: Literal["table"] = "table"
@@ -100,7 +100,7 @@ class TableLaw(PointsLaw):
     values: Annotated[Series, about("a at these times", "1")]
 
 
-class CsvLaw(PointsLaw):
+class CsvLaw(_PointsLaw):
     """Points read from a file of a recorder, linear in between, held at both ends.
 
     A file of text has columns of times and values below any number of lines that describe them, decimal points or
@@ -178,7 +178,7 @@ class CsvLaw(PointsLaw):
         return self.time_unit or self.header_units[0] or None, self.value_unit or self.header_units[1] or None
 
 
-class SrsLaw(PointsLaw):
+class SrsLaw(_PointsLaw):
     """A base acceleration whose shock response spectrum is a specification: a sum of waves that comes to rest, the one
     with the smallest peak of several seeds.
 
