@@ -23,7 +23,7 @@ response of the filter of an oscillator (``oscillators.ramp_filter``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal
@@ -144,7 +144,7 @@ def base_history(
     waves: Waves = "wavelets",
     *,
     tolerance: float = 1.0,
-    seeds: Iterable[int] = range(5),
+    seeds: Sequence[int] = range(5),
     stand: TestStand | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> BaseHistory:
@@ -167,7 +167,7 @@ def base_history(
     >>> bool(history.error < 1.0), bool(abs(history.velocity[-1]) < 1e-9 * abs(history.velocity).max())
     (True, True)
     """
-    stand, seeds = stand or TestStand(), list(seeds)
+    stand = stand or TestStand()
     problems = sampling_problems(specification, stand)
     if not seeds:
         problems.append(Problem("seeds", "none", allowed="one or more"))
