@@ -66,7 +66,7 @@ class Attempt:
         refused = ""
         if modes_open and options.kept is not None:
             refused = options.kept.modes_refused
-        # the stress that a scene asks for is that of all its bodies
+        # the stress that a scene requires is that of all its bodies
         leave_out = options.may_leave_bodies_out and scene.effects.prestress != "on"
         return Attempt(leave_out, yielding, modes_open and not refused, refused)
 

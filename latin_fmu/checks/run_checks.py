@@ -56,7 +56,7 @@ LARGEST_ROTATION = 2.0  # degrees
 LARGEST_TURN = 10.0
 """Rotation of a body, degrees, beyond which a run is not trustworthy."""
 LARGEST_STRAIN = 0.05
-_BEYOND = 5e-3  # 1 - cos of a rotation that is told where stress has its stiffness: 5.7 degrees
+_BEYOND = 5e-3  # 1 - cos of a rotation that is reported where stress has its stiffness: 5.7 degrees
 _EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
 _NAMED = 4  # bodies beyond their yield stress that a sentence names beside the worst
 _SOME_POINTS = 100  # of a face, whose distances from their neighbours stand for those of all

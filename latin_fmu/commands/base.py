@@ -174,10 +174,12 @@ def history_csv(time: Any, acceleration: Any) -> str:
 
 def _lines(history: BaseHistory, faults: list[str]) -> list[str]:
     """What a history is, in words."""
+    from ..scene.unit_texts import GRAVITY
+
     found = _report(history, faults)
     lines = [
         f"base history of {found['duration']:.4g} s, {len(history.time)} samples, seed {history.seed}",
-        f"peak {found['peak']:.4g} m/s2 ({found['peak'] / 9.80665:.4g} g), velocity {found['velocity']:.4g} m/s, "
+        f"peak {found['peak']:.4g} m/s2 ({found['peak'] / GRAVITY:.4g} g), velocity {found['velocity']:.4g} m/s, "
         f"displacement {found['displacement']:.4g} m; at the end {found['last_velocity']:.1e} and "
         f"{found['last_displacement']:.1e} of these",
         f"spectrum within {history.error:.2g} dB of the specification at {len(history.frequency)} frequencies, "

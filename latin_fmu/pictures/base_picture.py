@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from ..scene.readable_numbers import prefix_for
+from ..scene.unit_texts import GRAVITY
 from ..shock.base_histories import BaseHistory
 from .style import styled
 from .summary_picture import spectrum_axes
@@ -14,7 +15,8 @@ from .summary_picture import spectrum_axes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_REACHED, _ASKED = "#000000", "#D55E00"
+_REACHED: Final = "#000000"
+_SPECIFIED: Final = "#D55E00"
 
 
 @styled
@@ -25,18 +27,20 @@ def base_figure(history: BaseHistory, tolerance: float) -> Figure:
     figure = Figure(figsize=(9.6, 4.8), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
     left = figure.add_subplot(grid[:, 0])
-    asked = history.specification.at(history.frequency) / 9.80665
+    specified = history.specification.at(history.frequency) / GRAVITY
+    reached = history.reached / GRAVITY
     share = 10.0 ** (tolerance / 20.0)
     band = f"specification ± {tolerance:g} dB"
-    left.fill_between(history.frequency, asked / share, asked * share, color=_ASKED, alpha=0.3, linewidth=0, label=band)
-    left.plot(history.frequency, asked, color=_ASKED, linewidth=1.0)
-    left.plot(history.frequency, history.reached / 9.80665, color=_REACHED, linewidth=1.4, label="reached")
-    lowest, top = (float(f(history.reached.min(), asked.min() * 9.80665)) / 9.80665 for f in (min, max))
-    spectrum_axes(left, lowest, max(top, float(history.reached.max()) / 9.80665, float(asked.max())))
+    ends = (specified / share, specified * share)
+    left.fill_between(history.frequency, *ends, color=_SPECIFIED, alpha=0.3, linewidth=0, label=band)
+    left.plot(history.frequency, specified, color=_SPECIFIED, linewidth=1.0)
+    left.plot(history.frequency, reached, color=_REACHED, linewidth=1.4, label="reached")
+    both = np.concatenate([specified, reached])
+    spectrum_axes(left, float(both.min()), float(both.max()))
     left.set(ylabel="largest absolute acceleration (g)", title=f"Q = {history.specification.quality:g}")
     left.legend(fontsize="small")
     rows = (
-        (history.acceleration / 9.80665, "acceleration", "1", "g"),
+        (history.acceleration / GRAVITY, "acceleration", "1", "g"),
         (history.velocity, "velocity", "m s-1", ""),
         (history.displacement, "displacement", "m", ""),
     )

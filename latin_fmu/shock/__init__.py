@@ -2,7 +2,7 @@
 
 ==============  ===================================================================================
 oscillators     response of oscillators on a moving base: what spectra are made of
-specification   a shock response spectrum that is asked for
+specification   a specified shock response spectrum
 base_histories  base accelerations that have a specified spectrum and come to rest
 pulses          classical pulses with the loads before and after them that bring the base to rest
 envelopes       spectra of several records as one specification

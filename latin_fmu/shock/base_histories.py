@@ -15,8 +15,8 @@ Sampled waves are corrected by a + b s under a half wave squared, so that both i
 the samples vanish exactly.
 
 The response of an oscillator is linear in the sizes, and its largest value changes as at the instant of that: the sizes
-follow from the ratios of asked and reached values first, and then from damped Gauss-Newton steps on the relative errors
-of all of them at once (Levenberg and Marquardt), with r_j(t_j) = sum of A_k (h_j * w_k)(t_j) and h_j the impulse
+follow from the ratios of specified and reached values first, and then from damped Gauss-Newton steps on the relative
+errors of all of them at once (Levenberg and Marquardt), with r_j(t_j) = sum of A_k (h_j * w_k)(t_j) and h_j the impulse
 response of the filter of an oscillator (``oscillators.ramp_filter``).
 """
 
@@ -31,6 +31,7 @@ from typing import Final, Literal
 import numpy as np
 import scipy.linalg as la
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
 from ..errors import InputError, Problem
@@ -97,7 +98,7 @@ class BaseHistory:
     @cached_property
     def velocity(self) -> Array:
         """(n,), m s-1: exact integral of the straight lines."""
-        return _integral(self.acceleration, self._step)
+        return np.asarray(cumulative_trapezoid(self.acceleration, dx=self._step, initial=0))
 
     @cached_property
     def displacement(self) -> Array:
@@ -224,7 +225,7 @@ class _Sum:
     def __init__(self, specification: Specification, waves: Waves, seed: int, stand: TestStand) -> None:
         self.seed, self.specification, self.stand = seed, specification, stand
         self.frequency = specification.grid()
-        self.asked = specification.at(self.frequency)
+        self.specified = specification.at(self.frequency)
         self.damping = 0.5 / specification.quality
         rate = stand.rate or RATE * float(self.frequency[-1])
         whole = stand.duration or PERIODS / float(self.frequency[0])
@@ -232,7 +233,7 @@ class _Sum:
         self.time: Array = self.step * np.arange(math.ceil(whole * rate) + 1, dtype=float)
         self.rows = np.array(list(_waves(waves, self.frequency, self.time, np.random.default_rng(seed))))
         signs = np.where(np.arange(len(self.frequency)) % 2, 1.0, -1.0)
-        self.sizes = signs * self.asked * 2.0 * self.damping
+        self.sizes = signs * self.specified * 2.0 * self.damping
         # a period of the lowest oscillator more: its largest response may follow
         after = math.ceil(rate / float(self.frequency[0]))
         self._rest = np.zeros(after)
@@ -260,16 +261,16 @@ class _Sum:
 
     def _error(self, values: Array) -> float:
         """Largest error, dB."""
-        return float(np.abs(20.0 * np.log10(np.abs(values) / self.asked)).max())
+        return float(np.abs(20.0 * np.log10(np.abs(values) / self.specified)).max())
 
     def by_ratios(self) -> None:
-        """Sizes from the ratios of asked and reached values."""
+        """Sizes from the ratios of specified and reached values."""
         best, least = self.sizes, math.inf
         for _ in range(_COARSE):
             values, _ = self._largest(self.sizes)
             if self._error(values) < least:
                 best, least = self.sizes, self._error(values)
-            self.sizes = self.sizes * (self.asked / np.abs(values)) ** _POWER
+            self.sizes = self.sizes * (self.specified / np.abs(values)) ** _POWER
         self.sizes = best
 
     @cached_property
@@ -285,8 +286,8 @@ class _Sum:
         for _ in range(_FINE):
             if least <= enough or stalled == _STALLED:
                 break
-            slopes = self._slopes(places) * self.sizes / self.asked[:, None]
-            wanted = (np.sign(values) * self.asked - values) / self.asked
+            slopes = self._slopes(places) * self.sizes / self.specified[:, None]
+            wanted = (np.sign(values) * self.specified - values) / self.specified
             normal = slopes.T @ slopes
             normal[np.diag_indices_from(normal)] += weight * la.norm(slopes, 2) ** 2
             change = la.solve(normal, slopes.T @ wanted, assume_a="pos")
@@ -362,8 +363,3 @@ def at_rest(wave: Array, inside: NDArray[np.bool_], left: Array) -> Array:
     wave[places[[0, -1]]] = 0.0
     moments = np.stack([np.ones(len(wave)), left - left[places].mean()])
     return np.asarray(wave - la.solve(moments @ shapes.T, moments @ wave) @ shapes)
-
-
-def _integral(values: Array, step: float) -> Array:
-    """Integral of straight lines between samples, from 0."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * step * (values[1:] + values[:-1]))])

@@ -1,4 +1,4 @@
-"""A shock response spectrum that is asked for: breakpoints, straight lines in the logarithms of both between them."""
+"""A specified shock response spectrum: breakpoints, straight lines in the logarithms of both between them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Specification:
         return Specification(f, a, float(quality))
 
     def at(self, frequency: ArrayLike) -> Array:
-        """The acceleration asked for, m s-2, at frequencies, Hz."""
+        """The specified acceleration, m s-2, at frequencies, Hz."""
         logs = np.interp(np.log(frequency), np.log(self.frequency), np.log(self.acceleration))
         return np.asarray(np.exp(logs))
 

@@ -64,6 +64,8 @@ def at_rest(history: BaseHistory) -> None:
     acceleration = np.interp(time, history.time, history.acceleration)
     velocity = cumulative_trapezoid(acceleration, time, initial=0.0)
     displacement = cumulative_trapezoid(velocity, time, initial=0.0)
+    assert abs(history.velocity[-1]) < 1e-9 * np.abs(history.velocity).max()
+    assert abs(history.displacement[-1]) < 1e-9 * np.abs(history.displacement).max()
     assert history.acceleration[0] == history.acceleration[-1] == 0.0
     assert abs(velocity[-1]) < 1e-9 * np.abs(velocity).max()
     assert abs(displacement[-1]) < 1e-3 * np.abs(displacement).max()
