@@ -14,7 +14,7 @@ making        all of this in a row, in the process of gmsh
 from_mesh     parts of a mesh that comes from elsewhere
 scene_text    the scene that a user goes on with
 record        what a mesh was made from, and what has changed since
-told          what the command prints
+report        what the command prints
 ============  =================================================================================================
 
 gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, imprint, meshing, repair and

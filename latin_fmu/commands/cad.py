@@ -52,7 +52,7 @@ def mesh(options: MeshOptions) -> int:
     from ..cad.making import MeshJob
     from ..cad.meshing import MeshWishes
     from ..cad.record import changes, read_record
-    from ..cad.told import told
+    from ..cad.report import report_lines
     from ..mesh_files.formats import MESHED
 
     file = options.file
@@ -71,7 +71,7 @@ def mesh(options: MeshOptions) -> int:
     finally:
         with suppress(OSError):
             draft.unlink()
-    lines = told(assembly)
+    lines = report_lines(assembly)
     if before is not None:
         changed = list(changes(before, assembly))
         lines += [f"since it was read before: {len(changed) or 'no'} change{'s' * (len(changed) != 1)}"]
@@ -106,8 +106,8 @@ def scene(
     """Write a scene of a mesh to go on with: a material for each part, contacts, a support; never over one that is
     there."""
     from ..cad.from_mesh import assembly_of_mesh, sketch_of_mesh
+    from ..cad.report import report_lines
     from ..cad.scene_text import scene_text
-    from ..cad.told import told
     from ..mesh_files.reading import read_content
     from ..results.writing import check_target
     from ..scene.substructures import part_name
@@ -120,7 +120,7 @@ def scene(
     assembly = assembly_of_mesh(content, file.name, part_name(target.name), unit, parts)
     relative = _relative(file, target.parent)
     text = scene_text(sketch_of_mesh(assembly, content, target.name, relative, parts))
-    print("\n".join([*told(assembly), *_with_scene(target, text)]))
+    print("\n".join([*report_lines(assembly), *_with_scene(target, text)]))
     return CONVERGED
 
 

@@ -12,10 +12,10 @@ import pytest
 from latin_fmu.cad.facts import CadAssembly, CadCylinder, CadPart, merged
 from latin_fmu.cad.labels import named, path_of
 from latin_fmu.cad.record import changes, read_record, record_text
+from latin_fmu.cad.report import report_lines
 from latin_fmu.cad.scene_text import patterns, scene_text, sketch_of
 from latin_fmu.cad.screws import find_screws, size_of
 from latin_fmu.cad.step_text import read_step_text
-from latin_fmu.cad.told import told
 from latin_fmu.errors import MeshError
 
 
@@ -235,5 +235,5 @@ def test_a_product_of_several_solids_is_told_and_instances_of_one_are_not() -> N
     parts = [part(paths[0]), part(paths[0], twice), part(paths[1]), part(paths[1], twice, size=4.0)]
     made = assembly(parts, ["foot_1", "foot_2", "frame_1", "frame_2"])
     made.counts = {"cells": 4, "nodes": 8}
-    notes = [line for line in told(made) if line.startswith("note")]
+    notes = [line for line in report_lines(made) if line.startswith("note")]
     assert notes == ["note: frame has solids of different shapes, each of which is a part: frame_1, frame_2"]

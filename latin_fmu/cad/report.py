@@ -13,7 +13,7 @@ from .scene_text import patterns
 _MOST = 12  # lines of one kind
 
 
-def told(assembly: CadAssembly) -> list[str]:
+def report_lines(assembly: CadAssembly) -> list[str]:
     """Lines for a user."""
     screwed = [frozenset({s.part, other}) for s in assembly.screws if s.used for other in (*s.threads, *s.clamped)]
     beside = list(overlaps_and_gaps(assembly.pairs, screwed))
