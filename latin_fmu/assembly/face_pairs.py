@@ -9,7 +9,7 @@ and the iteration slow, so such a point takes no part in the held direction, as 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -65,7 +65,11 @@ class FacePair:
 
 
 def by_mortar(
-    first: Side, second: Side, owner: Owner, reach: float | None, fixed: tuple[Array | None, Array | None]
+    sides: tuple[Side, Side],
+    owner: Owner,
+    reach: float | None,
+    fixed: tuple[Array | None, Array | None],
+    corners: bool = False,
 ) -> FacePair | None:
     """Faces with nodes of their own, over the part that they have in common; None where there is none.
 
@@ -74,16 +78,16 @@ def by_mortar(
     owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
         facets (``_preferred``); but not a rigid one, nor one whose points hold the other side where that is free (both
         would be more than the other side can follow).
-    reach : see ``fem.mortar``. fixed : projectors (n_node, 3, 3) of both bodies on the directions in which their nodes
-        never move, None for rigid ones.
+    reach, corners : see ``fem.mortar``. fixed : projectors (n_node, 3, 3) of both bodies on the directions in which
+        their nodes never move, None for rigid ones.
     """
-    pair = _MortarPair((first, second), reach, fixed)
+    pair = _MortarPair(sides, reach, fixed, corners)
     if owner != "automatic":
         return pair.from_side(0 if owner == "E" else 1)
-    rigid = [body.rigid for body, _ in (first, second)]
+    rigid = [body.rigid for body, _ in sides]
     if rigid[0] != rigid[1]:
         return pair.from_side(int(rigid[0]))
-    preferred = _preferred((first, second), pair.surfaces)
+    preferred = _preferred(sides, pair.surfaces)
     finer = preferred or 0
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
@@ -118,15 +122,19 @@ def _preferred(sides: tuple[Side, Side], surfaces: tuple[Surface, ...]) -> int |
 class _MortarPair:
     """Two faces; the integrals with either of them as the owner are computed once."""
 
-    def __init__(self, sides: tuple[Side, Side], reach: float | None, fixed: tuple[Array | None, Array | None]) -> None:
+    def __init__(
+        self, sides: tuple[Side, Side], reach: float | None, fixed: tuple[Array | None, Array | None], corners: bool
+    ) -> None:
         self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
-        self._reach, self._fixed = reach, fixed
+        self._reach, self._fixed, self._corners = reach, fixed, corners
         self._mortars: dict[int, Mortar | None] = {}
 
     def mortar(self, side: int) -> Mortar | None:
         """Integrals with this side as the owner."""
         if side not in self._mortars:
-            self._mortars[side] = mortar(self.surfaces[side], self.surfaces[1 - side], self._reach)
+            self._mortars[side] = mortar(
+                self.surfaces[side], self.surfaces[1 - side], self._reach, corners=self._corners
+            )
         return self._mortars[side]
 
     def covered(self, side: int) -> bool:
@@ -190,7 +198,39 @@ def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
     return sp.csr_array(sp.kron(trace, sp.eye_array(3), format="csr"))
 
 
-def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
+class FacePoints(NamedTuple):
+    """Points (n_point, 3) of a face alone, m, their vector areas (n_point, 3), m2, areas (n_point,), m2, and trace."""
+
+    points: Array
+    vector_areas: Array
+    areas: Array
+    trace: sp.csr_array
+
+    @property
+    def normals(self) -> Array:
+        """Unit normals (n_point, 3) outwards."""
+        return np.asarray(self.vector_areas / np.linalg.norm(self.vector_areas, axis=1)[:, None])
+
+
+def face_points(side: Side, corners: bool) -> FacePoints:
+    """Points of a face alone: its nodes, or the corners of its facets with means that belong to linear pressures."""
+    body, facets = side
+    places = body.mesh.nodes
+    if corners and any(quadratic(block.kind) for block in facets.blocks):
+        # covered by itself: the integrals of a pair of faces
+        part = mortar(Surface(places, facets), Surface(places, facets.turned), corners=True)
+        assert part is not None
+        return FacePoints(part.owner @ places, part.vector_areas, part.areas, _of_vectors(part.owner))
+    face = face_of(places, facets)
+    points, trace = own_points(body, facets, face)
+    if face.change is None:
+        vector = face.vector_areas
+    else:
+        vector = face.change.T @ face.vector_areas
+    return FacePoints(points, vector, face.positive_areas, trace)
+
+
+def on_plane(side: Side, point: Array, normal: Array, corners: bool = False) -> FacePair | None:
     """A face against rigid ground behind the plane through ``point`` with the unit ``normal`` out of the ground; the
     facets turned away from it by more than 60 degrees are left out. None where all are."""
     body, facets = side
@@ -203,23 +243,16 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     blocks = [b for b in blocks if len(b.facets)]
     if not blocks:
         return None
-    facing_set = FacetSet(tuple(blocks))
-    face = face_of(body.mesh.nodes, facing_set)
-    points, trace = own_points(body, facing_set, face)
-    if face.change is None:
-        vector = face.vector_areas
-    else:
-        vector = face.change.T @ face.vector_areas
-    # from E to E': the plane has its normal out of the ground
-    normals = np.tile(-normal, (len(points), 1))
+    own = face_points((body, FacetSet(tuple(blocks))), corners)
     return FacePair(
-        points,
+        own.points,
         # area in projection on the plane, as the ground has its normal everywhere
-        -vector @ normal,
-        normals,
-        (points - point) @ normal,
-        (trace, None),
-        np.zeros(len(points)),
+        -own.vector_areas @ normal,
+        # from E to E': the plane has its normal out of the ground
+        np.tile(-normal, (len(own.points), 1)),
+        (own.points - point) @ normal,
+        (own.trace, None),
+        np.zeros(len(own.points)),
         matching=False,
     )
 

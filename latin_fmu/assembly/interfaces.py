@@ -27,10 +27,10 @@ from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
 from ..scene.units import UnitSystem
-from .body import Body, build_bodies, own_points
+from .body import Body, build_bodies
 from .clearances import TOUCHING, initial_opening
 from .conditions import Conditions
-from .face_pairs import MATCHING, FacePair, Side, by_mortar, node_by_node, on_plane
+from .face_pairs import MATCHING, FacePair, Side, by_mortar, face_points, node_by_node, on_plane
 from .models import KeptOperators, Made
 from .threads import with_threads
 
@@ -283,7 +283,14 @@ def build_interface(
     scene solved last, whose points and traces serve where the faces are the same."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     units = sides[0][0].units
-    place = interface.sides, interface.points_from, interface.search, interface.ground, interface.behaves_open
+    place = (
+        interface.sides,
+        interface.points_from,
+        interface.points_at,
+        interface.search,
+        interface.ground,
+        interface.behaves_open,
+    )
     owners = [thing for body, _ in sides for thing in (body, conditions[body.name])]
     placed = store.again(
         f"interface {name}", (*place, *owners), lambda: _placed(name, interface, sides, conditions, problems)
@@ -345,7 +352,10 @@ def _placed(
     assert trace is not None
     # a direction that is held has no row: the nodes of its point are in the others
     weights = sp.csr_array(trace[::3, ::3] + trace[1::3, 1::3] + trace[2::3, 2::3])
-    return pair, local_frames(pair.normals), cells_between(sides[pair.owner][1], weights)
+    facets = sides[pair.owner][1]
+    if interface.at_corners:
+        facets = facets.straight
+    return pair, local_frames(pair.normals), cells_between(facets, weights)
 
 
 def with_behaviours(
@@ -380,7 +390,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
     """A face against the ground: a plane that the scene places, or behind the points of a plane face."""
     if (ground := interface.ground) is not None:
         normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
-        pair = on_plane(side, np.asarray(ground.point), normal)
+        pair = on_plane(side, np.asarray(ground.point), normal, interface.at_corners)
         if pair is None:
             problems.add(
                 f"interface.{name}.ground",
@@ -390,9 +400,8 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
                 "turn the normal: it points out of the ground",
             )
         return pair
-    body, facets = side
-    face = face_of(body.mesh.nodes, facets)
-    normals = face.normals
+    own = face_points(side, interface.at_corners)
+    normals = own.normals
     # of faces that stay bonded the shape does not matter
     bent = float(np.abs(normals @ normals[0] - 1).max())
     if interface.behaves_open and bent > MATCHING:
@@ -405,9 +414,9 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
             "specify the plane: ground = {point = [...], normal = [...]}",
         )
         return None
-    points, trace = own_points(body, facets, face)
     # gap 0: the ground lies behind each point
-    return FacePair(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
+    nothing = np.zeros(len(own.points))
+    return FacePair(own.points, own.areas, normals, nothing, (own.trace, None), nothing)
 
 
 def _face_pair(
@@ -416,13 +425,14 @@ def _face_pair(
     """Two faces of bodies: nodes that match, else the part they have in common."""
     first, second = sides
     whole = first[1].within is None and second[1].within is None
-    if interface.search is None and interface.points_from == "automatic" and whole:
+    corners = interface.at_corners
+    if interface.search is None and interface.points_from == "automatic" and whole and not corners:
         pair = node_by_node(first, second)
         if pair is not None:
             return pair
     # the six unknowns of a rigid body are those of no node
     projectors = [None if body.rigid else conditions[body.name].held_directions for body, _ in sides]
-    pair = by_mortar(first, second, interface.points_from, interface.search, (projectors[0], projectors[1]))
+    pair = by_mortar(sides, interface.points_from, interface.search, (projectors[0], projectors[1]), corners)
     if pair is None:
         problems.append(_apart(name, interface, first, second))
     return pair

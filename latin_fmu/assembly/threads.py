@@ -329,7 +329,7 @@ class _Screw:
         """The bond of the thread in a part, on faces of this name."""
         reach = _SEARCH * 0.5 * (self.bolt.nominal(self.scene.unit_system) or 2.0 * self._drawn)
         sides = f"{self.body.name}.{face}", f"{part}.{face}"
-        return Interface(sides=sides, behaviour="perfect", search=reach, overlap="ignore")
+        return Interface(sides=sides, behaviour="perfect", search=reach, overlap="ignore", points_at="corners")
 
     @cached_property
     def _drawn(self) -> float:

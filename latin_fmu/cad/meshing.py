@@ -237,16 +237,11 @@ class Mesher:
         return self._assembly.by_name[name].area / max(count, 1)
 
     def _points(self, face: int) -> int:
-        """Nodes of second order of a face, those of its edges by half."""
+        """Corners of the facets of a face, at which its contacts have their points."""
         mesh = self._gmsh.model.mesh
-        triangles = len(mesh.getElementsByType(2, face)[0])
-        inside = len(mesh.getNodes(2, face)[0])
-        edges = sum(
-            len(mesh.getNodes(1, abs(edge))[0]) + 1
-            for _, edge in self._gmsh.model.getBoundary([(2, face)], oriented=False)
-        )
-        # V corners, and (3 T + edges) / 2 middles
-        return inside + edges + (3 * triangles + edges) // 2
+        edges = self._gmsh.model.getBoundary([(2, face)], oriented=False)
+        # each edge with one of its ends
+        return len(mesh.getNodes(2, face)[0]) + sum(len(mesh.getNodes(1, abs(edge))[0]) + 1 for _, edge in edges)
 
     # -- names -------------------------------------------------------------------------------------------------------
     def name_groups(self) -> dict[str, list[str]]:

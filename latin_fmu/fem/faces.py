@@ -165,6 +165,12 @@ def facet_change(kind: str, changed: bool) -> Array:
     return change
 
 
+def corner_functions(kind: str) -> Array:
+    """L (n_node, n_corner): the linear functions of the corners, theta_b = sum over a of L_ab phi_a."""
+    corner = {3: "triangle", 4: "quad"}[FACET_CORNERS[kind]]
+    return shape(corner, facet_nodes(kind))
+
+
 def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
     """L^-1 (n_point, n_point): the values u~ that belong to phi~ from the values u at the nodes."""
     # the inverse of a matrix with 1 - 2 alpha and alpha in the same places

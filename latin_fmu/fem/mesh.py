@@ -91,6 +91,25 @@ class FacetSet:
         every: Index = np.unique(np.concatenate([block.facets.ravel() for block in self.blocks]))
         return every
 
+    @property
+    def turned(self) -> FacetSet:
+        """The same facets seen from behind."""
+        blocks = []
+        for block in self.blocks:
+            n = FACET_CORNERS[block.kind]
+            width = block.facets.shape[1]
+            # corners backwards from the first one; the middle of the last edge is that of the first now
+            order = [0, *range(n - 1, 0, -1), *range(min(2 * n, width) - 1, n - 1, -1), *range(2 * n, width)]
+            blocks.append(FacetBlock(block.kind, block.facets[:, order]))
+        return FacetSet(tuple(blocks), self.within)
+
+    @property
+    def straight(self) -> FacetSet:
+        """Facets of first order on their corners."""
+        linear = {3: "triangle", 4: "quad"}
+        blocks = tuple(FacetBlock(linear[FACET_CORNERS[b.kind]], b.corners) for b in self.blocks)
+        return FacetSet(blocks, self.within)
+
 
 @dataclass(frozen=True)
 class Mesh:

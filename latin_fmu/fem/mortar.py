@@ -14,6 +14,10 @@ the plane of the owner's facet, and by the plane where a face ends inside its fa
 1428-1465). Sum psi = 1 and Sum phi = 1 give T 1 = 1 and T^T a = int phi on both sides: a uniform pressure passes
 exactly and forces balance. The psi of a sliver oscillate: owner facets that are hardly covered carry constants
 instead, and points with little area are merged into their neighbours.
+
+On facets of second order the phi_p may be those of the corners alone, linear between them: a quarter of the points,
+and T_owner are no values at nodes but means with psi, int psi phi_owner^T. The order of convergence stays, as the
+pressure of a contact is no smoother than that (Wohlmuth, Popp, Gee, Wall, Computational Mechanics 49 (2012) 735-747).
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from .faces import (
     Pieces,
     Surface,
     changes_basis,
+    corner_functions,
     facet_change,
     nodal_values,
     shape,
@@ -315,8 +320,8 @@ class Mortar:
 class _Points:
     """Sums over the facets of an owner face while its blocks are integrated; row p belongs to the p-th node of it."""
 
-    def __init__(self, owner: Surface, other: Surface) -> None:
-        self.owner, self.other = owner, other
+    def __init__(self, owner: Surface, other: Surface, corners: bool) -> None:
+        self.owner, self.other, self.corners = owner, other, corners
         self.nodes = owner.facets.nodes
         n = len(self.nodes)
         self.areas, self.whole, self.near, self.sags, self.covered, self.opening = np.zeros((6, n))
@@ -324,19 +329,27 @@ class _Points:
         # opening: int psi times the distance, m3
         self.vector_areas = np.zeros((n, 3))
         self.entries: list[tuple[Index, Index, Array]] = []  # of A T_other: points, nodes, values
-        self.owner_entries: list[tuple[Index, Index, Array]] = []  # of A T_owner in the values u~
+        # of A T_owner, in the values u~; in those of the nodes where the corners alone are points
+        self.owner_entries: list[tuple[Index, Index, Array]] = []
         self.changed = changes_basis(owner.facets)
 
+    def functions(self, kind: str) -> Array:
+        """Those of the points of a facet of the owner, (n_node, n) of the shape functions; its first n nodes."""
+        return corner_functions(kind) if self.corners else facet_change(kind, self.changed)
 
-def mortar(owner: Surface, other: Surface, reach: float | None = None, least: float = SLIVER) -> Mortar | None:
+
+def mortar(
+    owner: Surface, other: Surface, reach: float | None = None, least: float = SLIVER, corners: bool = False
+) -> Mortar | None:
     """Integrals over the common part of two faces; None where they have none.
 
     Parameters
     ----------
+    corners : whether the corners of facets alone are points, with pressures linear between them.
     reach : largest distance along the owner's normal at which the faces count as opposite, m; any where None.
     least : points with less than this share of their area are merged into neighbours.
     """
-    points = _Points(owner, other)
+    points = _Points(owner, other, corners)
     cells = common_cells(owner, other, reach)
     if not any(len(c) for row in cells for c in row):
         return None
@@ -348,11 +361,12 @@ def mortar(owner: Surface, other: Surface, reach: float | None = None, least: fl
 def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     """Sums of the owner's block ``number`` from its cells with each block of the other face."""
     pieces = points.owner.pieces[number]
-    change = facet_change(pieces.kind, points.changed)
-    n_facet, n = int(pieces.facet.max()) + 1, change.shape[0]
-    facets = points.owner.facets.blocks[number].facets
-    at = np.searchsorted(points.nodes, facets)
+    change = points.functions(pieces.kind)
+    n_facet, n = int(pieces.facet.max()) + 1, change.shape[1]
+    nodes_at = np.searchsorted(points.nodes, points.owner.facets.blocks[number].facets)
+    at = nodes_at[:, :n]
     gram, normal = np.zeros((n_facet, n, n)), np.zeros((n_facet, n, 3))
+    traced = np.zeros((n_facet, n, len(change))) if points.corners else gram
     opening, covered = np.zeros((n_facet, n)), np.zeros(n_facet)
     products: list[tuple[Index, Index, Array]] = []
     for cells, theirs, their_sags in zip(row, points.other.pieces, points.other.sags, strict=True):
@@ -363,11 +377,13 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
             mine, other = shape(pieces.kind, near), shape(theirs.kind, far)
             places = points.owner.nodes[pieces.nodes[part.owner]], points.other.nodes[theirs.nodes[part.other]]
             apart = _distances((pieces.kind, theirs.kind), places, (near, far), (mine, other))
-            # from phi to phi~, whose integrals are positive
-            mine = mine @ change
             facet = pieces.facet[part.owner]
+            # from phi to those of the points, whose integrals are positive
+            nodal, mine = mine, mine @ change
             weighted = weights[..., None] * mine
             np.add.at(gram, facet, np.einsum("cga,cgb->cab", weighted, mine))
+            if points.corners:
+                np.add.at(traced, facet, np.einsum("cga,cgb->cab", weighted, nodal))
             np.add.at(normal, facet, weighted.sum(axis=1)[:, :, None] * pieces.normals[part.owner, None])
             np.add.at(opening, facet, np.einsum("cg,cga->ca", apart, weighted))
             np.add.at(covered, facet, weights.sum(axis=1))
@@ -388,8 +404,11 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     # in equal parts: read as a mark of touched points and in the sum over all alone
     np.add.at(points.covered, at, np.repeat(covered[:, None] / n, n, axis=1))
     # diag(int phi) where the dual functions are regular, so that T_owner = 1
-    masses = dual @ gram
-    points.owner_entries.append((np.repeat(at, n, axis=1), np.tile(at, (1, n)), masses.reshape(n_facet, -1)))
+    masses = dual @ traced
+    columns = nodes_at[:, : masses.shape[2]]
+    points.owner_entries.append(
+        (np.repeat(at, masses.shape[2], axis=1), np.tile(columns, (1, n)), masses.reshape(n_facet, -1))
+    )
     for facet, nodes, product in products:
         value = dual[facet] @ product
         width = nodes.shape[1]
@@ -417,7 +436,7 @@ def _dual(gram: Array, covered: Array) -> Array:
 def _whole(pieces: Pieces, change: Array, n_facet: int) -> Array:
     """int phi (n_facet, n) over whole facets."""
     points, weights = triangle_quadrature(DEGREE[pieces.kind] + 2)
-    total = np.zeros((n_facet, change.shape[0]))
+    total = np.zeros((n_facet, change.shape[1]))
     corners = pieces.corners.shape[1]
     # a quadrilateral piece is two triangles
     for fan in ((0, 1, 2), (0, 2, 3))[: corners - 2]:
@@ -506,8 +525,11 @@ def _finished(points: _Points, least: float) -> Mortar:
     A group has one pressure, its rows are the sum of those of its members (A T).
     """
     n, touched = len(points.nodes), np.flatnonzero(points.covered > 0)
-    # rows of the owner act on u~, which belong to phi~
-    back = nodal_values(points.owner.facets, points.nodes)
+    if points.corners:
+        back = sp.csr_array(sp.eye_array(n))
+    else:
+        # rows of the owner act on u~, which belong to phi~
+        back = nodal_values(points.owner.facets, points.nodes)
     owner = sp.csr_array(_collected(points.owner_entries, (n, n))[touched])
     other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
     places = (back @ points.owner.nodes[points.nodes])[touched]

@@ -154,6 +154,7 @@ def _check_gap(value: object) -> object:
 
 
 Overlap = Literal["interference", "ignore", "refuse"]
+PointsAt = Literal["nodes", "corners"]
 Gap = Annotated[float | Literal["measured", "closed"], BeforeValidator(_check_gap)]
 Behaviour = Annotated[Text, AfterValidator(_check_behaviour)]
 Sides = Annotated[tuple[Side, Side], BeforeValidator(_as_list)]
@@ -198,6 +199,13 @@ class Interface(SceneTable):
             "else the one with the smaller facets, then of the softer, then of the smaller body; E where all are alike"
         ),
     ] = "automatic"
+    points_at: Annotated[
+        PointsAt,
+        about(
+            "points on facets of second order: all nodes, or their corners alone, with pressures linear between them "
+            "(a quarter of the points)"
+        ),
+    ] = "nodes"
     search: Annotated[
         Real | None, about("only points where the faces are nearer than this along N; default: all points", "m", gt=0)
     ] = None
@@ -253,6 +261,11 @@ class Interface(SceneTable):
     def against_ground(self) -> bool:
         """True where the second side is the rigid ground."""
         return self.sides[1] == GROUND
+
+    @property
+    def at_corners(self) -> bool:
+        """Whether the corners of facets alone are points."""
+        return self.points_at == "corners"
 
     @property
     def number_gap(self) -> float | None:
@@ -314,6 +327,7 @@ class _ContactKeys(SceneTable):
     gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
     overlap: Annotated[Overlap, about("meshes that overlap, as for an interface")] = "interference"
     form: Annotated[FaceForm | None, about("form of the faces, as for an interface")] = None
+    points_at: Annotated[PointsAt, about("points on facets of second order, as for an interface")] = "nodes"
 
     @property
     def exceptions(self) -> frozenset[frozenset[str]]:
@@ -325,6 +339,7 @@ class _ContactKeys(SceneTable):
         taken = TAKES[self.behaviour]
         keys = [k for k in ("gap", "overlap", "form", *PARAMETERS) if k in taken and getattr(self, k) is not None]
         values: dict[str, Any] = {key: getattr(self, key) for key in keys}
+        values["points_at"] = self.points_at
         return Interface(sides=(first, second), behaviour=self.behaviour, search=self.search, **values)
 
 
