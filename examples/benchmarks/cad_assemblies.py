@@ -2,8 +2,8 @@
 
 A bracket with a screw, a flange with eight screws and a gasket, an electronics box with a lid (``tests.cad.assemblies``
 writes them), or STEP files. Each is meshed by ``latin-fmu mesh`` as it comes, and with edges smaller by 1.5 at screws
-and contacts; its support is shaken by a half-sine of 100 g and 1 ms along each axis, after its screws have been tightened. The table
-has
+and contacts; its support is shaken by a half-sine of 100 g and 1 ms along each axis, after its screws have been
+tightened. The table has
 
 unknowns   of contacts, as ``mesh`` states them; memory as ``latin-fmu check`` states it, GB; CPU times, s,
 tension    change of the tension of a screw by the shock, largest and mean over the last tenth, N,
@@ -37,7 +37,7 @@ _MODES = 3
 
 
 @dataclass(frozen=True)
-class Figures:
+class OneMesh:
     """What one mesh gives: changes of tension (largest, last) and modes are arrays."""
 
     unknowns: int
@@ -97,7 +97,7 @@ def memory_of(scene: Path) -> str:
     return found[1]
 
 
-def figures(step: Path, stem: Path, finer: float) -> Figures:
+def figures(step: Path, stem: Path, finer: float) -> OneMesh:
     """Mesh, tighten, shake, and the modes."""
     unknowns, meshing = meshed(step, stem, finer)
     file = shaken(stem.with_suffix(".toml"))
@@ -108,7 +108,7 @@ def figures(step: Path, stem: Path, finer: float) -> Figures:
     changes = np.array([bolt.force - bolt.force[0] for bolt in solution.bolts.values()])
     tail = max(1, changes.shape[1] // 10)
     modes = latin_fmu.vibration_modes(scene, count=_MODES).frequency[:_MODES]
-    return Figures(
+    return OneMesh(
         unknowns,
         memory_of(file),
         meshing,
@@ -120,7 +120,7 @@ def figures(step: Path, stem: Path, finer: float) -> Figures:
     )
 
 
-def report(name: str, coarse: Figures, fine: Figures | None) -> None:
+def report(name: str, coarse: OneMesh, fine: OneMesh | None) -> None:
     """Print the figures of an assembly."""
     for label, one in (("as it comes", coarse), (f"finer by {FINER}", fine)):
         if one is None:

@@ -8,7 +8,8 @@ geometry      solids of a file by gmsh
 neighbours    parts that touch, are apart or overlap
 screws        screws among the parts, their threads and what they clamp
 imprint       faces split along the outline of what touches them
-meshing       sizes, second order, names of faces
+meshing       how fine, second order, names of faces
+sizes         sizes of edges as a field of the library
 repair        cells that are inside out
 making        all of this in a row, in the process of gmsh
 from_mesh     parts of a mesh that comes from elsewhere

@@ -18,6 +18,7 @@ from .facts import CadAssembly, CadCylinder, CadPart, merged
 from .geometry import round_face
 from .neighbours import Skins
 from .repair import TETRAHEDRON, CellRepair
+from .sizes import PressedZone, Sizes, set_sizes
 
 THICKNESS: Final = 3.0
 """Edge of a part over its thickness."""
@@ -25,12 +26,15 @@ ACROSS: Final = 5.0
 """Edges along the diagonal of the box of a part, at least."""
 CONTACT: Final = 4.0
 """Edges along the root of the area of a contact face."""
+CLAMPED: Final = 5.0
+"""Edges along the radius of the part of a contact face that a screw presses."""
+_CONE: Final = 0.75, 0.5  # that radius: diameters of the shank (the head), and grips (a cone of some 30 degrees)
 _ALONG: Final = 1.6  # edges along the free shank of a screw, for its cut
 TURN: Final = 8
 """Edges around a shank and its holes."""
 _FASTENER: Final = 0.4  # edge of screws and nuts, beside their round faces, over the diagonal of their box
 _ROUND: Final = 8  # edges around other round faces
-_FLOOR: Final = 0.12  # edge of a small feature over that of its part, at least
+FLOOR: Final = 0.12  # edge of a small feature over that of its part, at least
 _POINT: Final = 6  # unknowns of a point of a contact
 _TRIALS: Final = 9
 _GAINED: Final = 0.98  # of the unknowns: larger edges give no fewer
@@ -52,14 +56,6 @@ class MeshWishes:
     finer: float = 1.0
     contacts: int = 4000
     touch: float = 0.02
-
-
-@dataclass
-class Sizes:
-    """Edges of parts by volume and of faces, mm."""
-
-    volumes: dict[int, float]
-    faces: dict[int, float]
 
 
 def part_size(part: CadPart, wishes: MeshWishes) -> float:
@@ -112,7 +108,7 @@ class Mesher:
     # -- sizes -------------------------------------------------------------------------------------------------------
     def sizes(self, coarser: float) -> Sizes:
         """Edges, those of flat contact faces and, less so, of parts by a factor ``coarser``."""
-        sizes, finer = Sizes({}, {}), self._wishes.finer
+        sizes, finer = Sizes(), self._wishes.finer
         screwed = {s.part for s in self._assembly.screws if s.used}
         for part in self._assembly.parts:
             size = self._size(part.name, coarser)
@@ -122,14 +118,14 @@ class Mesher:
                 radius = self._radius(face)
                 sizes.faces[face] = size
                 if radius is not None:
-                    sizes.faces[face] = min(size, max(2.0 * np.pi * radius / _ROUND, _FLOOR * size))
+                    sizes.faces[face] = min(size, max(2.0 * np.pi * radius / _ROUND, FLOOR * size))
             for face, cylinder in self._rounds[part.name].items():
                 around = 2.0 * np.pi * cylinder.radius
                 if part.name in screwed or any(_around(s.axis, s.middle, cylinder) for s in screws):
                     along = [s.grip / _ALONG for s in screws if s.part == part.name and s.grip > 0.0]
                     sizes.faces[face] = min([size, around / (TURN * finer), *along])
                 else:
-                    sizes.faces[face] = min(size, max(around / _ROUND, _FLOOR * size))
+                    sizes.faces[face] = min(size, max(around / _ROUND, FLOOR * size))
         edges: dict[int, list[float]] = {}
         for sides in self.contacts.values():
             for name, faces in sides.items():
@@ -139,6 +135,12 @@ class Mesher:
                 for face in flat:
                     edges.setdefault(face, []).append(coarser * min(size, area**0.5 / (CONTACT * finer)))
         sizes.faces |= {face: min(found) for face, found in edges.items()}
+        sizes.flat = sorted(edges)
+        for screw in self._assembly.screws:
+            if screw.used:
+                radius = _CONE[0] * screw.diameter + _CONE[1] * screw.grip
+                half = np.array(screw.axis) * (screw.grip + screw.diameter)
+                sizes.pressed.append(PressedZone(screw.middle, half, radius, coarser * radius / (CLAMPED * finer)))
         return sizes
 
     def _size(self, name: str, coarser: float) -> float:
@@ -159,39 +161,6 @@ class Mesher:
         largest = float(curvatures[np.isfinite(curvatures)].max(initial=0.0))
         return 1.0 / largest if largest > 0.0 else None
 
-    def _apply(self, sizes: Sizes) -> None:
-        """Hand the sizes to the library as a field."""
-        field, fields = self._gmsh.model.mesh.field, []
-        for old in field.list():
-            field.remove(old)
-        groups = [("VolumesList", sizes.volumes, 0), ("SurfacesList", sizes.faces, 1)]
-        for key, table, boundary in groups:
-            by_size: dict[float, list[int]] = {}
-            for tag, size in table.items():
-                by_size.setdefault(float(f"{size:.6g}"), []).append(tag)
-            for size, tags in sorted(by_size.items()):
-                number = field.add("Constant")
-                field.setNumber(number, "VIn", size)
-                field.setNumbers(number, key, sorted(tags))
-                field.setNumber(number, "IncludeBoundary", boundary)
-                fields.append(number)
-        least = field.add("Min")
-        field.setNumbers(least, "FieldsList", fields)
-        field.setAsBackgroundMesh(least)
-        smallest = min([*sizes.volumes.values(), *sizes.faces.values()])
-        for key, value in (
-            ("MeshSizeFromCurvature", 0),
-            ("MeshSizeExtendFromBoundary", 0),
-            ("MeshSizeMin", min(smallest, _FLOOR * max(sizes.volumes.values()))),
-            ("MeshSizeMax", max([*sizes.volumes.values(), *sizes.faces.values()])),
-            ("Algorithm", 6),
-            ("Algorithm3D", 1),
-            ("ElementOrder", 1),
-            ("SecondOrderLinear", 0),
-            ("HighOrderOptimize", 0),
-        ):
-            self._gmsh.option.setNumber(f"Mesh.{key}", value)
-
     # -- meshing -----------------------------------------------------------------------------------------------------
     def mesh(self) -> dict[str, float]:
         """Mesh all parts; figures of the mesh.
@@ -201,7 +170,7 @@ class Mesher:
         model, coarser = self._gmsh.model, 1.0
         unknowns, before = 0, np.inf
         for _ in range(_TRIALS):
-            self._apply(self.sizes(coarser))
+            set_sizes(self._gmsh, self.sizes(coarser), FLOOR)
             model.mesh.clear()
             model.mesh.generate(2)
             unknowns = self._contact_unknowns()

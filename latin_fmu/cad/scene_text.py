@@ -204,7 +204,7 @@ def _contact(sketch: SceneSketch) -> str:
     lines = (
         ("[contact.all]", "every pair of parts whose faces are nearer than this, m"),
         (f"search = {sketch.search:g}", ""),
-        ('points_at = "corners"', "pressures linear over facets; \"nodes\" has four times the points"),
+        ('points_at = "corners"', 'pressures linear over facets; "nodes" has four times the points'),
         ('overlap = "ignore"', "facets of a shaft and those of its hole cross each other"),
         (f"friction_coefficient = {_FRICTION:g}", "(?)"),
     )

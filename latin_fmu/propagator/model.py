@@ -594,6 +594,9 @@ def closest_reduced(expansion: sp.csr_array, full: Array) -> Array:
     if is_selection(expansion):
         means: Array = (expansion.T @ full) / np.maximum(expansion.sum(axis=0), 1)[:, None]  # a dof without copies: 0
         return means
+    if not full.any():
+        # most bodies start undisplaced, and the factors below fill up where faces are bonded
+        return np.zeros((expansion.shape[1], *full.shape[1:]))
     gram = sp.csc_array(expansion.T @ expansion)
     solved: Array = spla.splu(gram).solve(np.asarray(expansion.T @ full))
     return solved

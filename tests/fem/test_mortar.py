@@ -99,6 +99,30 @@ def test_whole_faces(mine: str, theirs: str) -> None:
     assert coupling.covered == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("mine", ["triangle6", "quad8", "quad9"])
+@pytest.mark.parametrize("theirs", KINDS)
+def test_points_at_corners(mine: str, theirs: str) -> None:
+    """Linear fields pass exactly, and uniform pressures have the forces of both faces, at the corners alone."""
+    owner, other = sheet(mine, 4, 3), sheet(theirs, 3, 5, up=False)
+    coupling = mortar(owner, other, corners=True)
+    assert coupling is not None
+    assert len(coupling.areas) == 5 * 4
+    check_contract(coupling, owner, other, 1e-12)
+    assert coupling.owner.T @ coupling.areas == pytest.approx(integrals(owner), abs=1e-14)
+    assert coupling.other.T @ coupling.areas == pytest.approx(integrals(other), abs=1e-14)
+    assert coupling.shares == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_turned_facets_look_the_other_way(kind: str) -> None:
+    one = sheet(kind, 3, 2)
+    back = Surface(one.nodes, one.facets.turned)
+    assert face_of(back.nodes, back.facets).areas == pytest.approx(face_of(one.nodes, one.facets).areas)
+    assert back.pieces[0].normals == pytest.approx(-one.pieces[0].normals)
+    # the middle nodes still stand in the middle of the edges
+    assert np.ptp(np.concatenate([p.areas for p in back.pieces])) < 1e-12
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_face_on_itself_needs_no_other_nodes(kind: str) -> None:
     """Equal meshes: the traces of both sides are one, the identity where the areas of the nodes are positive."""

@@ -108,6 +108,67 @@ def test_quadratic_faces_with_matching_nodes(kind: str, tmp_path: Path) -> None:
     check_uniform(made, 60)
 
 
+@pytest.mark.parametrize("kind", ["tetra10", "hexahedron20", "hexahedron27"])
+@pytest.mark.parametrize("counts", [((4, 3), (4, 3)), ((6, 6), (4, 4))])
+def test_patch_with_points_at_corners(kind: str, counts: Any, tmp_path: Path) -> None:
+    """Matching or not, a uniform state passes as with points at all nodes, of which there are some four times more."""
+    made = of_kind(pressed(counts, 0.3, points_at="corners"), kind, tmp_path)
+    unit = discretise(latin_fmu.scene_from_dict(made)).units[0]
+    finer = max(counts)
+    assert unit.geometry.n_point == (finer[0] + 1) * (finer[1] + 1)
+    assert unit.geometry.cells is not None
+    # triangles or quadrilaterals between corners, over the whole face
+    assert len(unit.geometry.cells) == finer[0] * finer[1] * (2 if kind == "tetra10" else 1)
+    check_uniform(made, 130)
+
+
+@pytest.mark.parametrize("kind", ["tetra10", "hexahedron27"])
+def test_ground_with_points_at_corners(kind: str, tmp_path: Path) -> None:
+    """A block pressed on the ground: the base carries the pressure evenly, the block spreads without friction."""
+    made = pressed(((3, 2),), 0.0)
+    del made["boundary"]["base"]
+    ground = {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+    made["interface"]["base"] = {"sides": ["b1.zmin", "ground"], "points_at": "corners", "ground": ground}
+    made = of_kind(made, kind, tmp_path)
+    solution = solve(made)
+    base = solution.interfaces["base"]
+    assert base.traction.shape[1] == 4 * 3
+    assert -base.traction[-1, :, 2] == pytest.approx(-PRESSURE, rel=1e-7)
+    nodes = solution.substructures["b1"].nodes
+    sideways = solution.substructures["b1"].displacement[-1][:, 0]
+    assert sideways == pytest.approx(NU * PRESSURE / E * nodes[:, 0], abs=1e-7 * PRESSURE / E * SIZE[0])
+
+
+def test_corners_carry_an_edge_as_well_as_nodes_do(tmp_path: Path) -> None:
+    """A block pressed on a larger one, whose pressures at the edge have no limit: with points at corners the approach
+    is as near to that of a mesh twice as fine as with points at nodes, to a factor of 1.5."""
+
+    def approach(n: int, points_at: str) -> float:
+        made = scene(1, tolerance=1e-8)
+        made["boundary"]["base"] = {"type": "fixed", "face": "b1.zmin"}
+        for name, origin, size, counts in (
+            ("b1", (0.0, 0.0, 0.0), (0.02, 0.02, 0.01), (2 * n, 2 * n, n)),
+            ("b2", (0.003, 0.004, 0.01), (0.01, 0.011, 0.008), (n + 1, n + 1, n)),
+        ):
+            add_block(made, name, origin, size, counts)
+        interface = {"sides": ["b1.zmax", "b2.zmin"], "friction_coefficient": 0.3, "points_at": points_at}
+        made["interface"]["seat"] = interface
+        made["load"]["press"] = {"face": "b2.zmax", "pressure": PRESSURE, "law": ramp((0, 0), (1, 1))}
+        for name, table in made["substructure"].items():
+            box = table.pop("box")
+            mesh = typed_box("tetra10", tuple(box["origin"]), tuple(box["size"]), tuple(box["elements"]))
+            write_mesh(tmp_path / f"{name}.msh", mesh, None)
+            table["mesh"] = {"file": str(tmp_path / f"{name}.msh"), "group": "body"}
+        solution = solve(made)
+        body = solution.substructures["b2"]
+        top = np.flatnonzero(body.nodes[:, 2] > 0.0179)
+        return float(body.displacement[-1][top, 2].mean())
+
+    fine = approach(4, "nodes")
+    errors = {points: abs(approach(2, points) / fine - 1.0) for points in ("nodes", "corners")}
+    assert 0.001 < errors["corners"] < 1.5 * errors["nodes"]
+
+
 @pytest.mark.parametrize("behaviour", ["perfect", "no_slip"])
 def test_bonded_patch(behaviour: str) -> None:
     made = pressed(FIVE, 0.0)
