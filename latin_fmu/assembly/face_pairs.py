@@ -198,7 +198,7 @@ def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
     return sp.csr_array(sp.kron(trace, sp.eye_array(3), format="csr"))
 
 
-class FacePoints(NamedTuple):
+class PointsOfFace(NamedTuple):
     """Points (n_point, 3) of a face alone, m, their vector areas (n_point, 3), m2, areas (n_point,), m2, and trace."""
 
     points: Array
@@ -212,7 +212,7 @@ class FacePoints(NamedTuple):
         return np.asarray(self.vector_areas / np.linalg.norm(self.vector_areas, axis=1)[:, None])
 
 
-def face_points(side: Side, corners: bool) -> FacePoints:
+def face_points(side: Side, corners: bool) -> PointsOfFace:
     """Points of a face alone: its nodes, or the corners of its facets with means that belong to linear pressures."""
     body, facets = side
     places = body.mesh.nodes
@@ -220,14 +220,14 @@ def face_points(side: Side, corners: bool) -> FacePoints:
         # covered by itself: the integrals of a pair of faces
         part = mortar(Surface(places, facets), Surface(places, facets.turned), corners=True)
         assert part is not None
-        return FacePoints(part.owner @ places, part.vector_areas, part.areas, _of_vectors(part.owner))
+        return PointsOfFace(part.owner @ places, part.vector_areas, part.areas, _of_vectors(part.owner))
     face = face_of(places, facets)
     points, trace = own_points(body, facets, face)
     if face.change is None:
         vector = face.vector_areas
     else:
         vector = face.change.T @ face.vector_areas
-    return FacePoints(points, vector, face.positive_areas, trace)
+    return PointsOfFace(points, vector, face.positive_areas, trace)
 
 
 def on_plane(side: Side, point: Array, normal: Array, corners: bool = False) -> FacePair | None:

@@ -18,6 +18,6 @@ record        what a mesh was made from, and what has changed since
 report        what the command prints
 ============  =================================================================================================
 
-gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, imprint, meshing, repair and
-making run in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
+gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, imprint, meshing, sizes, repair
+and making run in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
 """
