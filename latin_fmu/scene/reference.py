@@ -47,7 +47,9 @@ Meshes         Nodes of the two faces that stand opposite each other one to one 
                one side (points_from: the wholly covered one, else the one with the smaller facets on average, of the
                softer, of the smaller body; E where all are alike, which is said), over the part that the faces have
                in common, and the other side takes part through integrals over it (mortar). Faces may be curved and
-               closed. Points with hardly any common area are merged into their neighbours.
+               closed. Points with hardly any common area are merged into their neighbours. On facets of second order
+               points_at = "corners" has points at corners alone, with pressures linear between them: a quarter of
+               the points, at the same order of convergence; threads of bolts are bonded like that.
 Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes if omitted or
                "measured", between curved facets of quadratic elements as they are curved; what is below their
                distance from a smooth face touches, and latin-fmu check names it. A number counts, whatever the
