@@ -34,6 +34,7 @@ REMARKS: Final = MappingProxyType(
         "redundant": "interfaces that join the same faces",
         "resolution": "steps or elements that do not resolve a wave",
         "sampling": "laws whose impulse the instants change",
+        "screw": "parts with names of screws that no bolt table tightens",
         "scheme": "a time scheme that does not suit the contacts",
         "sinking": "sides that loads press together and that approach by errors of the iteration",
         "size": "bodies of doubtful size",

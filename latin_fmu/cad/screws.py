@@ -11,12 +11,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from ..scene.screw_names import fits, is_nut, is_screw, is_washer, words_of_name
 from ..scene.threads import thread_named
 from .facts import CadCylinder, CadPart, Screw
 
@@ -38,19 +37,6 @@ _SIZES: Final = 0.02  # difference of a diameter from that of a thread
 _METRIC: Final = (1.6, 2, 2.5, 3, 3.5, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 48, 56, 64)
 _UNIFIED: Final = ("#2 UNC", "#4 UNC", "#6 UNC", "#8 UNC", "#10 UNF", "1/4 UNC", "5/16 UNC", "3/8 UNC", "7/16 UNC",
                    "1/2 UNC", "5/8 UNC", "3/4 UNC", "7/8 UNC", "1 UNC")  # fmt: skip
-_SCREW: Final = (
-    "*bolt",
-    "bolts",
-    "*screw",
-    "screws",
-    "*schraube",
-    "*schrauben",
-    "stud",
-    "studs",
-    "shcs",
-    "hhcs",
-    "bhcs",
-)
 _NO_SCREW: Final = (
     ("pin", ("pin", "pins", "dowel*", "*stift", "zylinderstift*")),
     ("standoff", ("standoff*", "stand", "spacer*", "distanz*", "abstand*")),
@@ -60,14 +46,6 @@ _NO_SCREW: Final = (
     ("washer", ("*washer", "*washers", "*scheibe")),
     ("nut", ("nut", "nuts", "locknut*", "*mutter")),
 )
-_NUTS: Final = ("nut", "nuts", "locknut*", "hexnut*", "*mutter")
-_WASHERS: Final = ("*washer", "*washers", "*scheibe", "*scheiben")
-_STANDARDS: Final = frozenset(
-    {84, 912, 931, 933, 938, 939, 960, 961, 963, 964, 965, 966, 1207, 1580, 2009, 2010, 4014, 4017, 4762, 4766, 6912}
-    | {6921, 7045, 7046, 7047, 7380, 7984, 7985, 7991, 8676, 8765, 10642, 14579, 14580, 14581, 14583, 14584}
-)
-_NUT_STANDARDS: Final = frozenset({934, 936, 985, 4032, 4033, 4034, 4035, 6923, 7040, 8673, 10511})
-_MOST_OF_NAME: Final = frozenset({"iso", "din", "en"})
 
 
 @dataclass(frozen=True)
@@ -91,31 +69,21 @@ def find_screws(parts: Sequence[CadPart], inch: bool = False, scale: float = 1e-
 
 
 def words_of(part: CadPart) -> list[str]:
-    """Words of the name of a product, in small letters, numbers apart.
-
-    >>> words_of(CadPart("a", ("ISO 4762-M6x20",), 1, 1, 1, (0,) * 3, (0,) * 3, (0,) * 3, None, (), None, 1))
-    ['iso', '4762', 'm', '6', 'x', '20']
-    """
-    text = re.sub(r"([a-z])([A-Z])", r"\1 \2", " ".join(part.path[-2:][-1:] or (part.name,)))
-    return re.findall(r"[a-z]+|\d+", text.lower())
-
-
-def _named(words: Sequence[str], patterns: Sequence[str], numbers: frozenset[int] = frozenset()) -> bool:
-    standard = any(a in _MOST_OF_NAME and b.isdigit() and int(b) in numbers for a, b in pairwise(words))
-    return standard or any(fnmatchcase(word, pattern) for word in words for pattern in patterns)
+    """Words of the name of a product."""
+    return words_of_name(" ".join(part.path[-2:][-1:] or (part.name,)))
 
 
 def is_named_screw(part: CadPart) -> bool:
     """Whether the name of a part is that of a screw."""
-    return _named(words_of(part), _SCREW, _STANDARDS)
+    return is_screw(words_of(part))
 
 
 def _other_kind(part: CadPart) -> str | None:
     """What a part is by its name that is no screw; None where the name does not say."""
     words = words_of(part)
-    if _named(words, _NUTS, _NUT_STANDARDS):
+    if is_nut(words):
         return "nut"
-    return next((kind for kind, patterns in _NO_SCREW if _named(words, patterns)), None)
+    return next((kind for kind, patterns in _NO_SCREW if fits(words, patterns)), None)
 
 
 def _screw(part: CadPart, parts: Sequence[CadPart]) -> Screw | None:
@@ -190,9 +158,9 @@ def _around(shank: CadCylinder, other: CadPart) -> Iterator[_Around]:
 def _is_nut(part: CadPart, hole: CadCylinder, ratio: float) -> bool:
     """Whether a part around a shank is a nut: by its name, or small, with a thread through it and no round outside."""
     words = words_of(part)
-    if _named(words, _NUTS, _NUT_STANDARDS):
+    if is_nut(words):
         return True
-    if _named(words, _WASHERS) or ratio > _TIGHT:
+    if is_washer(words) or ratio > _TIGHT:
         return False
     heights, radii = part.profile(hole)
     widest = float(radii.max())

@@ -20,6 +20,7 @@ from ..assembly.interfaces import between
 from ..assembly.loaded_faces import BodyFace
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.wave_pace import waves_count
+from ..errors import listed
 from ..fem.mesh import nearest
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
@@ -30,6 +31,7 @@ from ..scene.laws import InputLaw
 from ..scene.load_kinds import LoadEstimate
 from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
+from ..scene.screw_names import is_screw, words_of_name
 from ..scene.units import SI, UNIT_SYSTEMS, UnitSystem
 from .mesh_checks import size_remarks
 
@@ -66,8 +68,18 @@ def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
         *_gap_remarks(bodies, units),
         *([] if scene.port else _unjoined_remarks(bodies, units)),
         *_step_remarks(problem),
+        *_screw_remarks(scene),
         *(remark for name, body in bodies.items() for remark in _pieces(name, body)),
     ]
+
+
+def _screw_remarks(scene: Scene) -> Iterator[Remark]:
+    """Bodies with names of screws that no bolt tightens."""
+    tightened = {bolt.substructure for bolt in scene.bolt.values()}
+    left = [n for n in scene.substructure if n not in tightened and is_screw(words_of_name(n))]
+    if left:
+        text = f"no [bolt] tightens {listed(left)}, by name {'a screw' if len(left) == 1 else 'screws'}"
+        yield Remark("screw", f"{text}: add a table [bolt.NAME], or the name to parts of one, if it has a preload")
 
 
 def meant_system(scene: Scene) -> UnitSystem | None:

@@ -205,3 +205,16 @@ def test_modal_damping_of_joined_bodies_is_told_before_a_run(behaviour: str) -> 
     assert [r.split(":")[0] for r in told] == [f"substructure {', '.join(sorted(names))}"]
     made["interface"] = {}
     assert not [r for r in discretise(latin_fmu.scene_from_dict(made)).remarks if r.code == "damping"]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("hex_bolt_2", True), ("iso_4762_m6x16_1", True), ("dowel_pin", False), ("bolted_plate", False)]
+)
+def test_a_screw_that_no_bolt_tightens_is_told(name: str, told: bool) -> None:
+    data = scene({name: box(0.0, 0.0), "plate": box(0.0, 0.01)}, contact={"all": {"search": 1e-5}})
+    found = [r for r in checked(scene_from_dict(data))[1] if r.code == "screw"]
+    assert len(found) == told
+    assert all(f"no [bolt] tightens {name}" in text for text in found)
+    if told:
+        data["bolt"] = {"m": {"substructure": name, "axis": [0.0, 0.0, 1.0], "tension": 100.0}}
+        assert not [r for r in checked(scene_from_dict(data))[1] if r.code == "screw"]
