@@ -216,5 +216,5 @@ def test_a_screw_that_no_bolt_tightens_is_told(name: str, told: bool) -> None:
     assert len(found) == told
     assert all(f"no [bolt] tightens {name}" in text for text in found)
     if told:
-        data["bolt"] = {"m": {"substructure": name, "axis": [0.0, 0.0, 1.0], "tension": 100.0}}
+        data["bolt"] = {"m": {"substructure": name, "axis": [0.0, 0.0, 1.0], "force": 100.0}}
         assert not [r for r in checked(scene_from_dict(data))[1] if r.code == "screw"]
