@@ -18,6 +18,7 @@ from ..scene.substructures import part_name
 from ..scene.units import UNIT_SYSTEMS
 from .assembling import add_bodies, add_bolts, add_loads, add_time
 from .cards import translate
+from .print_cards import DeckPrints, prints_of
 from .step_cards import steps_of
 from .translation import LEFT_OUT, USED, Said, Translation
 from .units import UnitsOption, units_of
@@ -39,13 +40,15 @@ class ImportedDeck:
 
     Attributes
     ----------
-    tables : the scene, of the shape of its file. said : a line for each card. units : the sentence on units.
+    tables : the scene, of the shape of its file. said : a line for each card. units : the sentence on units. prints :
+    what the deck prints of a run.
     """
 
     deck: str
     tables: Mapping[str, Any]
     said: tuple[Said, ...]
     units: str
+    prints: DeckPrints
 
     def summary(self) -> list[str]:
         """Lines for a user: units first, what is used, what is left out and what that changes."""
@@ -121,7 +124,8 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     speed = UNIT_SYSTEMS[system].size("m s-1") if UNIT_SYSTEMS[system].measurable else 1.0
     add_bodies(deck, speed**2)
     add_bolts(deck)
-    add_loads(deck, add_time(deck))
+    axis = add_time(deck)
+    add_loads(deck, axis)
     if deck.problems:
         raise InputError(deck.problems, _HEADING)
     where = os.path.relpath(file.resolve(), Path(folder if folder is not None else file.parent).resolve())
@@ -129,7 +133,7 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     deck.tables["mesh"] = {part_name(file.stem): mesh}
     tables = {"name": part_name(file.stem), **_head(deck), "units": system}
     tables |= {key: deck.tables[key] for key in _ORDER if deck.tables.get(key)}
-    return ImportedDeck(file.name, tables, tuple(deck.said), sentence)
+    return ImportedDeck(file.name, tables, tuple(deck.said), sentence, prints_of(deck, axis.origin))
 
 
 def _head(deck: Translation) -> dict[str, Any]:

@@ -152,7 +152,7 @@ def contact_pair(deck: Translation, card: Card) -> None:
             name = card.name("INTERACTION") if len(card.rows) == len(pairs) == 1 else f"{fields[0]}_{fields[1]}"
             table = {"sides": sides, **_law(deck, card, law)}
             table |= _adjusted(deck, card, fields[0], fields[1])
-            deck.add("interface", name.replace(".", "_"), table)
+            deck.pairs[deck.add("interface", name.replace(".", "_"), table)] = f"{fields[0]}/{fields[1]}"
     text = "interfaces with the slave first; on the places that the nodes have at the start"
     if "SMALL SLIDING" not in card.parameters:
         text += ", also where the deck lets them slide far"

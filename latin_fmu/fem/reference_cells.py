@@ -314,6 +314,11 @@ def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False) -
     return _corner_rule(3)
 
 
+def product_rule(rule: Rule, n: int) -> Rule:
+    """A rule of a triangle or square with n points along the third axis."""
+    return _times(rule, _line(n))
+
+
 @cache
 def volume_rule(cell_type: str, n: int) -> Rule:
     """Rule with n points per axis, for what is not smooth in a cell."""

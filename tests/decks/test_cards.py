@@ -92,7 +92,7 @@ def test_every_card_of_a_deck_has_a_line(tmp_path: Path) -> None:
     # the density of the part that gravity acts on
     assert found.tables["substructure"]["LOW"]["body_force"] == [0.0, 0.0, pytest.approx(-7.8e-9 * 9810.0)]
     assert found.tables["temperature"]["all"]["change"] == 10.0
-    assert found.tables["output"] == {"reactions": True, "nodal_stress": True, "surfaces": True}
+    assert found.tables["output"] == {"reactions": True, "strain": True, "nodal_stress": True, "surfaces": True}
 
 
 BAD = {
