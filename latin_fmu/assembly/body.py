@@ -29,6 +29,7 @@ from ..fem.elements import (
 )
 from ..fem.faces import Face, Surface, face_of, nodal_values
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
+from ..fem.reference_cells import REDUCED_CELLS
 from ..latin.assembly import InterfaceUnit, Layout
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
@@ -575,6 +576,12 @@ def build_bodies(
                     ", ".join(mesh.cell_types),
                     remedy="omit the key",
                 )
+            if description.reduced_integration:
+                if not set(REDUCED_CELLS) & set(mesh.cell_types):
+                    what = "the mesh has no 20-node hexahedra and no 6-node wedges"
+                    where = f"substructure.{name}.reduced_integration"
+                    problems.add(where, what, ", ".join(mesh.cell_types), remedy="omit the key")
+                mesh = mesh.with_reduced_rules()
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description, units=scene.unit_system)
     if remarks is not None:

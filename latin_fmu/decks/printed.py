@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem.elasticity import ROWS
-from ..fem.reference_cells import N_CORNER, Rule, cell_rule, product_rule, simplex_rule, volume_rule
+from ..fem.reference_cells import N_CORNER, Rule, cell_rule, simplex_rule, volume_rule
 from ..latin.outcome import InterfaceHistory
 from ..mesh_files.content import Array, Index
 from ..mesh_files.deck_scene import rows_of_set
@@ -37,7 +37,7 @@ def point_rule(name: str) -> Rule:
     if name == "C3D4":
         return simplex_rule(1, 3)
     if name == "C3D6":
-        return product_rule(simplex_rule(1, 2), 2)
+        return cell_rule("wedge", reduced=True)
     return cell_rule({"C3D8": "hexahedron", "C3D8I": "hexahedron", "C3D10": "tetra10", "C3D15": "wedge15"}[name])
 
 

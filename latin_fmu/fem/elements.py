@@ -21,7 +21,7 @@ linear functions; of elements that share a node the mean is taken, each counting
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -110,15 +110,15 @@ class Elements:
         for block, rule, pieces in self._pieces(of_products):
             for piece in pieces:
                 cells, of_cell = _different(self.mesh.nodes, piece.cells)
-                yield block.cell_type, points_in(self.mesh.nodes, CellBlock(block.cell_type, cells), rule), of_cell
+                yield block.cell_type, points_in(self.mesh.nodes, replace(block, cells=cells), rule), of_cell
 
     def _pieces(self, of_products: bool) -> Iterator[tuple[CellBlock, Rule, list[CellBlock]]]:
         """Blocks of the mesh with their rule, in pieces that fit into memory."""
         for block in self.mesh.blocks:
-            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block))
+            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block), block.reduced)
             size = max(1, _AT_ONCE // (3 * len(rule.weights) * block.cells.shape[1]))
             firsts = range(0, len(block.cells), size)
-            yield block, rule, [CellBlock(block.cell_type, block.cells[i : i + size]) for i in firsts]
+            yield block, rule, [replace(block, cells=block.cells[i : i + size]) for i in firsts]
 
     @cached_property
     def _pattern(self) -> tuple[Index, Index, Index, Index]:
@@ -450,7 +450,7 @@ class Recovery:
         Strain (n_cell, n_point, 6), stress, Pa, that it makes, and volume (n_cell, n_point), m3, of each point.
         """
         blocks = self._elements.mesh.blocks
-        block = CellBlock(blocks[number].cell_type, blocks[number].cells[rows])
+        block = replace(blocks[number], cells=blocks[number].cells[rows])
         points = points_in(self._elements.mesh.nodes, block, rule)
         slopes = np.einsum("cpaj,cai->cpij", points.gradients, displacement[block.cells], optimize=True)
         if self._bending and block.cell_type in BENDING_CELLS:
@@ -475,14 +475,15 @@ class Recovery:
         total = np.zeros((len(self._elements.mesh.nodes), 3))
         first = 0
         for number, block in enumerate(self._elements.mesh.blocks):
-            rule = cell_rule(block.cell_type, curved=is_curved(self._elements.mesh.nodes, block))
+            curved = is_curved(self._elements.mesh.nodes, block)
+            rule = cell_rule(block.cell_type, False, curved, block.reduced)
             size = max(1, _AT_ONCE // (9 * len(rule.weights) * block.cells.shape[1]))
             for start in range(0, len(block.cells), size):
                 rows = np.arange(start, min(start + size, len(block.cells)))
                 _, stress, volumes = self.at_points(displacement, number, rows, rule)
                 if unstrained is not None:
                     stress = stress + unstrained[(first + rows) % len(unstrained), None, :]
-                some = CellBlock(block.cell_type, block.cells[rows])
+                some = replace(block, cells=block.cells[rows])
                 slopes = points_in(self._elements.mesh.nodes, some, rule).gradients
                 forces = np.einsum("cpaj,cpij,cp->cai", slopes, tensors(stress), volumes, optimize=True)
                 np.add.at(total, some.cells, forces)

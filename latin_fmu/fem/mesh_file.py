@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -132,7 +134,7 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
                 )
             ]
         )
-    return CellBlock(block.cell_type, cells)
+    return replace(block, cells=cells)
 
 
 def _check_cells(mesh: Mesh, where: str) -> None:
@@ -274,7 +276,7 @@ def refined(mesh: Mesh) -> Mesh:
     number = np.argsort(np.argsort(first))  # nodes are counted in the order of the cells
     split = iter([number[np.searchsorted(keys, table)] for table in tables])
     # in the order of ``pieces``: all blocks, then the faces
-    blocks = tuple(CellBlock(block.cell_type, next(split)) for block in mesh.blocks)
+    blocks = tuple(replace(block, cells=next(split)) for block in mesh.blocks)
     faces = {
         name: FacetSet(tuple(FacetBlock(block.kind, next(split)) for block in face.blocks))
         for name, face in mesh.faces.items()

@@ -157,6 +157,13 @@ class Substructure(SceneTable):
     bending_modes: Annotated[
         Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
     ] = False
+    reduced_integration: Annotated[
+        Flag,
+        about(
+            "stiffness of 20-node hexahedra from 2 x 2 x 2 points, of 6-node wedges from 2, as C3D20R and C3D6 of "
+            "CalculiX; a cell alone can deform without a force"
+        ),
+    ] = False
     modal_damping: Annotated[
         ModalDampingTable | None, about("damping of the modes, one ratio for all up to a frequency")
     ] = None
