@@ -418,6 +418,7 @@ class _MeshFiles:
     def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: Problems) -> Mesh | None:
         """Mesh of a substructure; None where it cannot be read, with problems that were not reported before."""
         from ..fem.mesh_file import mesh_of, refined
+        from ..mesh_files.adjusted_nodes import adjusted
         from ..mesh_files.reading import read_content
 
         path = base_dir / table.file
@@ -430,7 +431,9 @@ class _MeshFiles:
             if content is None:
                 return None
             content.refuse(table.ignore)
-            mesh = mesh_of(content, path.name, table.group, table.scale)
+            if table.adjust:
+                content = adjusted(content)
+            mesh = mesh_of(content, path.name, table.group, table.scale, table.points)
             for _ in range(table.refine):
                 mesh = refined(mesh)
             return mesh

@@ -472,7 +472,10 @@ def _add_boundary(deck: Translation, card: Card, target: str, kind: str, values:
         else:
             part, _, face = str(held["face"]).partition(".")
             group = next(group for group, owner in deck.parts.items() if owner == part)
-            if not deck.content.touching(group, face):
+            if face in deck.single:
+                what = "moved corners of quadratic facets without their middle nodes"
+                deck.refuse(card, what, target, "add the middle nodes to the set")
+            elif not deck.content.touching(group, face):
                 deck.refuse(card, "moved nodes that make up no facet of an element: an edge or a point", target)
             table = {**held, "type": kind, "value": [tidy(values[axis]) for axis in axes]}
             table = _with_law(table, law)

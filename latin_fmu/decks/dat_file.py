@@ -59,7 +59,9 @@ _CONTACT: Final = (
     ("area,  normal force (+ = tension) and shear force (size)", 3),
 )
 """Lines of the statistics of a contact, with the number of their values."""
-_TITLE: Final = re.compile(r"(?P<title>\S.*?) for ?(?:set (?P<target>\S+) and )?time\s+(?P<time>\S+)$")
+_TITLE: Final = re.compile(
+    r"(?P<title>\S.*?) ?for ?(?:set (?P<target>\S+) and |all contact elements and )?time\s+(?P<time>\S+)$"
+)
 _SLAVE: Final = re.compile(r"statistics for slave set (\S+), master set (\S+) and time\s+(\S+)$")
 
 
@@ -174,7 +176,11 @@ def _block(head: tuple[str, str, float], rows: list[list[str]]) -> DatBlock:
     kind, target, time = head
     local = np.array([row[-1] == "L" for row in rows], dtype=bool)
     rows = [[word for word in row if word != "L"] for row in rows]
-    if kind == "CF" or len({len(row) for row in rows}) > 1:
+    if kind in KINDS and kind != "CF":
+        # other tables may follow under titles that are none
+        rows = [row for row in rows if len(row) == KINDS[kind].labels + KINDS[kind].values]
+        local = local[: len(rows)]
+    elif len({len(row) for row in rows}) > 1:
         rows = [[word for row in rows for word in row]]
     if kind in KINDS:
         count = KINDS[kind].labels

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from ..errors import InputError, MeshError, Problem
 from ..mesh_files.abaqus_cards import is_abaqus
+from ..mesh_files.adjusted_nodes import adjusted, has_adjusted
 from ..mesh_files.content import MeshContent
 from ..mesh_files.deck_card import FileLine
 from ..mesh_files.reading import read_content
@@ -110,6 +111,9 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     file = Path(path)
     content = read_content(file)
     content.refuse()
+    moved = has_adjusted(content)
+    if moved:
+        content = adjusted(content)
     if content.deck is None:
         raise InputError.of(_HEADING, file.name, "not a deck of Abaqus or CalculiX", remedy="name a .inp file")
     parts = _parts(content, file)
@@ -129,7 +133,11 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     if deck.problems:
         raise InputError(deck.problems, _HEADING)
     where = os.path.relpath(file.resolve(), Path(folder if folder is not None else file.parent).resolve())
-    mesh = {"file": Path(where).as_posix(), "mesh_only": True, "parts": list(parts)}
+    mesh: dict[str, Any] = {"file": Path(where).as_posix(), "mesh_only": True, "parts": list(parts)}
+    if moved:
+        mesh["adjust"] = True
+    if deck.single:
+        mesh["points"] = sorted(deck.single)
     deck.tables["mesh"] = {part_name(file.stem): mesh}
     tables = {"name": part_name(file.stem), **_head(deck), "units": system}
     tables |= {key: deck.tables[key] for key in _ORDER if deck.tables.get(key)}

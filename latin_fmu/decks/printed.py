@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem.elasticity import ROWS
-from ..fem.reference_cells import N_CORNER, Rule, cell_rule, simplex_rule, volume_rule
+from ..fem.reference_cells import Rule, cell_rule, simplex_rule, volume_rule
 from ..latin.outcome import InterfaceHistory
+from ..mesh_files.adjusted_nodes import surface_rows
 from ..mesh_files.content import Array, Index
 from ..mesh_files.deck_scene import rows_of_set
-from ..mesh_files.middle_nodes import VTK as MIDDLES
 from ..results.solution import Solution
 from .dat_file import DatBlock, dat_text
 from .print_cards import DeckPrints, PrintInstant
@@ -137,26 +137,9 @@ class _PrintedValues:
             total[rows] = np.where(np.isnan(total[rows]), 0.0, total[rows]) + forces
         for slave, _, master in (pair.partition("/") for pair in self.prints.pairs):
             for name in (slave, master):
-                total[self._rows_on(name)] = np.nan
+                total[surface_rows(self.content, name)] = np.nan
         self._forces = time, total
         return total
-
-    def _rows_on(self, surface: str) -> Index:
-        """Rows of the nodes of a surface, those in the middle of its edges, too."""
-        spelled = {key.upper(): key for key in self.content.facets}.get(surface.rpartition(".")[2].upper())
-        if spelled is None:
-            return rows_of_set(self.content, surface)
-        corners = np.unique(np.concatenate([table.ravel() for table in self.content.facets[spelled]]))
-        inside = np.zeros(len(self.content.points), dtype=bool)
-        inside[corners] = True
-        found = [corners]
-        for kind, cells in self.content.solids.items():
-            places = MIDDLES.get(kind)
-            if places is not None:
-                ends = np.array([pair for pair in places if len(pair) == 2])
-                middles = cells[:, N_CORNER[kind] : N_CORNER[kind] + len(ends)]
-                found.append(middles[inside[cells[:, ends]].all(axis=2)])
-        return np.unique(np.concatenate(found))
 
     def _along_local_axes(self, rows: Index, values: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Values along the axes of *TRANSFORM where these are the same at all its nodes, and which rows these are."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_loads import LoadedSet, degrees, loaded_groups
 from ..mesh_files.deck_model import numbers
+from ..mesh_files.deck_scene import set_named
 from .histories import Amplitude, DeckQuantity, DeckStep
 from .surfaces import inner_facets, unlisted_middles
 from .translation import Translation
@@ -241,12 +242,9 @@ def _on_parts(deck: Translation, card: Card, group: LoadedSet) -> bool:
     if not deck.parts_of_nodes(group.name):
         deck.refuse(card, "nodes that are of no solid: a reference node, or a set of them", group.name)
         return False
-    if missing := unlisted_middles(deck.content, deck.rows(group.name)):
-        what = "corners of quadratic facets without their middle nodes: a face of a scene has both"
-        deck.refuse(
-            card, what, f"{group.name}: {missing} middle nodes are not in it", "add the middle nodes to the set"
-        )
-        return False
+    if unlisted_middles(deck.content, deck.rows(group.name)):
+        # a face has its middle nodes, too
+        deck.single.add(set_named(deck.content, group.name))
     return True
 
 

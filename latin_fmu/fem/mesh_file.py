@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -23,12 +24,15 @@ _CURVED = (
 _FLAT = 1e-12  # det J over the lengths of its columns
 
 
-def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: float = 1.0) -> Mesh:
+def mesh_of(
+    content: MeshContent, where: str, group: str | None = None, scale: float = 1.0, points: Collection[str] = ()
+) -> Mesh:
     """The volume ``group`` of a mesh file (all volume cells when None) and the named faces on its surface.
 
     Parameters
     ----------
     content : of the file. where : its name. group : name of a volume group. scale : metres per unit of the file.
+    points : node sets that are no faces.
 
     Raises
     ------
@@ -65,7 +69,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
                 )
             ]
         )
-    faces = _named_faces(content, renumber, surface)
+    faces = _named_faces(content, renumber, surface, points)
     return Mesh(nodes, bare.blocks, faces, _named_points(content, renumber, faces))
 
 
@@ -148,10 +152,13 @@ def _check_cells(mesh: Mesh, where: str) -> None:
         raise MeshError([problem], "unusable mesh")
 
 
-def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> dict[str, FacetSet]:
+def _named_faces(
+    content: MeshContent, renumber: Index, surface: FacetSet, points: Collection[str] = ()
+) -> dict[str, FacetSet]:
     """Named surface groups whose facets are on the boundary of this volume, oriented outwards.
 
-    A node set names the facets that have all their corners in it, where no surface group has its name.
+    A node set names the facets that have all their corners in it, where no surface group has its name and
+    it is not one of ``points``.
     """
     outward = {
         tuple(sorted(corners)): (block.kind, row)
@@ -169,7 +176,7 @@ def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> di
                     matches[match] = None
         _add_face(faces, name, list(matches), by_kind)
     for name, rows in content.node_sets.items():
-        if name in faces or name in content.facets:
+        if name in faces or name in content.facets or name in points:
             continue
         inside = np.zeros(len(renumber) + 1, dtype=bool)
         inside[renumber[rows]] = True

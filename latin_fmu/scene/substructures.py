@@ -116,6 +116,19 @@ MeshOnly = Annotated[
         "scene, as `latin-fmu import` writes them"
     ),
 ]
+SingleNodes = Annotated[
+    tuple[Text, ...],
+    about(
+        "node sets that are nodes alone, no face, whatever facets have their corners in them: corners of quadratic "
+        "facets without the middle nodes, on which forces or supports of a deck act"
+    ),
+]
+Adjusted = Annotated[
+    Flag,
+    about(
+        "slave nodes of the contact pairs of a deck are moved onto the master as its ADJUST says, where this is flat"
+    ),
+]
 
 
 class MeshFile(SceneTable):
@@ -128,6 +141,8 @@ class MeshFile(SceneTable):
     refine: Refinements = 0
     ignore: Ignored = ()
     mesh_only: MeshOnly = False
+    points: SingleNodes = ()
+    adjust: Adjusted = False
 
 
 class ModalDampingTable(SceneTable):
@@ -242,6 +257,8 @@ class MeshParts(SceneTable):
     ] = None
     ignore: Ignored = ()
     mesh_only: MeshOnly = False
+    points: SingleNodes = ()
+    adjust: Adjusted = False
     take: Annotated[
         tuple[Literal["CONM2", "RBE2", "RBE3"], ...],
         BeforeValidator(_as_list),

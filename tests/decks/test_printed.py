@@ -25,7 +25,15 @@ EVERYTHING = (
     "*EL PRINT, ELSET=BLOCK\nS, E, ME, ENER\n*EL PRINT, ELSET=BLOCK, TOTALS=YES\nEVOL, ELSE\n"
 )
 PULL = "*CLOAD\nTOP, 3, 100.\nTIP, 1, 30.\n"
-KINDS = {"C3D4": "tetra", "C3D10": "tetra10", "C3D15": "wedge15", "C3D8": "hexahedron", "C3D20": "hexahedron20"}
+KINDS = {
+    "C3D4": "tetra",
+    "C3D10": "tetra10",
+    "C3D6": "wedge",
+    "C3D15": "wedge15",
+    "C3D8": "hexahedron",
+    "C3D20": "hexahedron20",
+    "C3D20R": "hexahedron20",
+}
 RAMP = "*STEP, INC=100, AMPLITUDE=RAMP\n*DYNAMIC, DIRECT, ALPHA=-0.05\n1e-6, 5e-6\n"
 
 
