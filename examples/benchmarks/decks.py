@@ -107,8 +107,8 @@ def alone(file: Path, units: str | None) -> dict[str, Any]:
 
 
 def printed_besides(file: Path) -> list[DatBlock]:
-    """Displacements of all nodes by the installed ``ccx``, of a deck whose reference has nothing to compare: the deck
-    with two cards more."""
+    """Displacements of all nodes by the installed ``ccx``, of a deck whose reference has nothing to compare: its first
+    step with two cards more."""
     if shutil.which("ccx") is None:
         return []
     highest = int(read_content(file).labels.max())
@@ -116,6 +116,9 @@ def printed_besides(file: Path) -> list[DatBlock]:
         r"(?im)^(\*STEP\b)", rf"*NSET, NSET={EVERY_NODE}, GENERATE\n1, {highest}\n\1", file.read_text(), count=1
     )
     text = re.sub(r"(?im)^(\*END ?STEP\b)", rf"*NODE PRINT, NSET={EVERY_NODE}\nU\n\1", text, count=1)
+    end = re.search(r"(?im)^\*END ?STEP.*$", text)
+    if end is not None:
+        text = text[: end.end()] + "\n"
     besides = file.with_name(f"{file.stem}_besides.inp")
     besides.write_text(text)
     done = subprocess.run(["ccx", "-i", besides.stem], cwd=file.parent, capture_output=True, check=False)

@@ -83,6 +83,21 @@ def told_scene(file: Path, units: str | None, quiet: bool = False) -> tuple[Path
     return target, imported
 
 
+def exact_lines(imported: ImportedDeck, solution: Solution, folder: Path) -> list[str]:
+    """What the penalty of a deck costs, by a second run without it; ``folder`` : of the scene."""
+    from .. import api
+    from ..decks.exact import penalty_error, without_penalty
+    from ..reader import scene_from_dict
+
+    tables = without_penalty(imported.tables)
+    if tables is None:
+        return ["the deck has no penalty: contact is exact"]
+    exact = api.solve(scene_from_dict(tables, folder))
+    if not (exact.trustworthy and solution.trustworthy):
+        return [f"error of the penalty: not known, without it the run has not succeeded: {exact.status}"]
+    return ["error of the penalty (with it, and with exact contact):", *penalty_error(imported.prints, solution, exact)]
+
+
 def write_printed(imported: ImportedDeck, solution: Solution, results: Path) -> Path | None:
     """Write what a deck prints as CalculiX writes it, under the name of the results; None where it prints nothing.
 

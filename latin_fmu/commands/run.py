@@ -34,7 +34,7 @@ from . import (
     seconds,
     started_together,
 )
-from .decks import Units, is_deck_file, told_scene, write_printed
+from .decks import Units, exact_lines, is_deck_file, told_scene, write_printed
 from .options import Option, command
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """\
 examples:
   latin-fmu run scene.toml
-  latin-fmu run bracket.inp --units mm-t-s
+  latin-fmu run bracket.inp --units mm-t-s --exact
   latin-fmu run scene.toml -o out.nc --set solver.tolerance=1e-4 --set output.fields=true --vtk for_paraview
   latin-fmu run scene.toml --json > report.json
   latin-fmu run scene.toml -o out.nc --checkpoint 10min --resume
@@ -96,6 +96,10 @@ class SolveOptions(OfScene):
         Option("results file (default: <name of the scene>.nc in the current folder)", "OUT.nc", "-o", output_file),
     ] = None
     units: Units = None
+    exact: Annotated[
+        bool,
+        Option("run a deck once more without its penalty, with exact contact, and print how far the results are apart"),
+    ] = False
     strict: Strict = False
     json: Json = False
     quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
@@ -161,6 +165,8 @@ def run(options: SolveOptions, signals: Signals) -> int:
         return _run_alone(replace(options, scene=target), signals, deck)
     if options.units is not None:
         raise InputError.of("bad argument", "--units", "a scene has units of its own", remedy="omit it")
+    if options.exact:
+        raise InputError.of("bad argument", "--exact", "a scene has no penalty of a deck", remedy="omit it")
     if processes is None:
         return _run_alone(options, signals)
     with ending_together(processes, signals):
@@ -251,6 +257,8 @@ def _run_alone(options: SolveOptions, signals: StopSignals, deck: ImportedDeck |
     signals.noted = True
     with Waiting("writing the results", quiet=options.quiet):
         lost = _write(solution, target, options, written, deck)
+    if deck is not None and options.exact:
+        written += exact_lines(deck, solution, options.scene.parent)
     # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()

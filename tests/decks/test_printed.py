@@ -14,6 +14,7 @@ from latin_fmu.cli import main
 from latin_fmu.decks.dat_file import DatBlock, dat_text, fortran, read_dat
 from latin_fmu.decks.printed import printed_text
 from latin_fmu.fem.reference_cells import cell_functions
+from latin_fmu.stability.surfaces import typed_box
 from tests.mesh_files.decks import node_rows
 
 from .blocks import HELD, STEEL, block, contact, one_block, static, two_blocks
@@ -25,15 +26,7 @@ EVERYTHING = (
     "*EL PRINT, ELSET=BLOCK\nS, E, ME, ENER\n*EL PRINT, ELSET=BLOCK, TOTALS=YES\nEVOL, ELSE\n"
 )
 PULL = "*CLOAD\nTOP, 3, 100.\nTIP, 1, 30.\n"
-KINDS = {
-    "C3D4": "tetra",
-    "C3D10": "tetra10",
-    "C3D6": "wedge",
-    "C3D15": "wedge15",
-    "C3D8": "hexahedron",
-    "C3D20": "hexahedron20",
-    "C3D20R": "hexahedron20",
-}
+KINDS = {"C3D4": "tetra", "C3D10": "tetra10", "C3D15": "wedge15", "C3D8": "hexahedron", "C3D20": "hexahedron20"}
 RAMP = "*STEP, INC=100, AMPLITUDE=RAMP\n*DYNAMIC, DIRECT, ALPHA=-0.05\n1e-6, 5e-6\n"
 
 
@@ -84,6 +77,19 @@ def one_element(name: str) -> str:
     return text + STEEL + "*BOUNDARY\nBOTTOM, 1, 3\n" + load
 
 
+def a_block(name: str, kind: str) -> str:
+    """A block of elements with a reduced rule: one alone has deformations without a force."""
+    mesh = typed_box(kind, np.zeros(3), np.full(3, 10.0), (2, 2, 2))
+    text = "*NODE, NSET=NALL\n" + node_rows(mesh.nodes) + f"*ELEMENT, TYPE={name}, ELSET=BLOCK\n"
+    for number, cell in enumerate((mesh.blocks[0].cells + 1).tolist(), 1):
+        rows = [", ".join(map(str, [number, *cell][i : i + 12])) for i in range(0, len(cell) + 1, 12)]
+        text += ",\n".join(rows) + "\n"
+    low = np.flatnonzero(mesh.nodes[:, 2] == 0.0) + 1
+    text += "*NSET, NSET=BOTTOM\n" + ",\n".join(map(str, low.tolist())) + f"\n*NSET, NSET=TIP\n{mesh.n_node}\n"
+    text += f"*SOLID SECTION, ELSET=BLOCK, MATERIAL=STEEL\n{STEEL}*BOUNDARY\nBOTTOM, 1, 3\n"
+    return text + static("*CLOAD\nTIP, 1, 30.\nTIP, 3, 10.\n" + EVERYTHING)
+
+
 DECKS = {
     "a bar": one_block(BAR) + STEEL + HELD + static(PULL + EVERYTHING),
     "heat": one_block(BAR)
@@ -103,6 +109,8 @@ DECKS = {
     + static(PULL + EVERYTHING)
     + static("*CLOAD\nTOP, 2, 9.\n*NODE PRINT, NSET=TIP\nU\n"),
     **{name: one_element(name) for name in KINDS},
+    "C3D20R": a_block("C3D20R", "hexahedron20"),
+    "C3D6": a_block("C3D6", "wedge"),
 }
 
 
