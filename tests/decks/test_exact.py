@@ -15,7 +15,7 @@ from .blocks import HELD, STEEL, contact, static, two_blocks
 
 CONSTRAINED = 210e3 * (1 - 0.3) / ((1 + 0.3) * (1 - 2 * 0.3))
 LINEAR = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n1e6\n"
-PRESSED = HELD + "*BOUNDARY\nNALL, 1, 2\n" + static("*DSLOAD\nHIGHUP, P, 100.\n*NODE PRINT, NSET=TOP\nU\n")
+PRESSED = HELD + "*BOUNDARY\nNALL, 1, 2\n" + static("*DSLOAD\nHIGHUP, P, 100.\n*NODE PRINT, NSET=TOP\nU\n", "0.5, 1.")
 
 
 def test_the_difference_is_the_shortening_of_the_layer(
