@@ -309,6 +309,15 @@ def test_forces_on_corners_of_quadratic_facets_act_there_alone(name: str, tmp_pa
     np.testing.assert_allclose(printed.values, there, atol=1e-6 * np.abs(there).max())
 
 
+def test_keywords_may_lack_their_blank(tmp_path: Path) -> None:
+    """CalculiX takes blanks out of keywords: *ENDSTEP is *END STEP."""
+    deck = plain()
+    joined = deck.replace("*END STEP", "*ENDSTEP").replace("*SOLID SECTION", "*SOLIDSECTION")
+    joined = joined.replace("*NODE PRINT", "*NODEPRINT")
+    assert joined.count("\n") == deck.count("\n") and joined != deck
+    assert imported(joined, tmp_path).summary() == imported(deck, tmp_path).summary()
+
+
 def test_a_file_that_is_no_deck_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mesh.inp").write_text("not a deck\n")
     with pytest.raises(InputError):
