@@ -314,7 +314,7 @@ def test_keywords_may_lack_their_blank(tmp_path: Path) -> None:
     deck = plain()
     joined = deck.replace("*END STEP", "*ENDSTEP").replace("*SOLID SECTION", "*SOLIDSECTION")
     joined = joined.replace("*NODE PRINT", "*NODEPRINT")
-    assert joined.count("\n") == deck.count("\n") and joined != deck
+    assert joined != deck
     assert imported(joined, tmp_path).summary() == imported(deck, tmp_path).summary()
 
 
