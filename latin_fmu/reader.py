@@ -357,6 +357,10 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
         mesh["ignore"] = list(table.ignore)
     if table.mesh_only:
         mesh["mesh_only"] = True
+    if table.adjust:
+        mesh["adjust"] = True
+    if table.points:
+        mesh["points"] = list(table.points)
     if group is not None:
         mesh["group"] = group
     material = table.material_of(part)

@@ -29,6 +29,7 @@ from ..fem.elements import (
 )
 from ..fem.faces import Face, Surface, face_of, nodal_values
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
+from ..fem.reference_cells import REDUCED_CELLS
 from ..latin.assembly import InterfaceUnit, Layout
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
@@ -417,6 +418,7 @@ class _MeshFiles:
     def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: Problems) -> Mesh | None:
         """Mesh of a substructure; None where it cannot be read, with problems that were not reported before."""
         from ..fem.mesh_file import mesh_of, refined
+        from ..mesh_files.adjusted_nodes import adjusted
         from ..mesh_files.reading import read_content
 
         path = base_dir / table.file
@@ -429,7 +431,9 @@ class _MeshFiles:
             if content is None:
                 return None
             content.refuse(table.ignore)
-            mesh = mesh_of(content, path.name, table.group, table.scale)
+            if table.adjust:
+                content = adjusted(content)
+            mesh = mesh_of(content, path.name, table.group, table.scale, table.points)
             for _ in range(table.refine):
                 mesh = refined(mesh)
             return mesh
@@ -575,6 +579,12 @@ def build_bodies(
                     ", ".join(mesh.cell_types),
                     remedy="omit the key",
                 )
+            if description.reduced_integration:
+                if not set(REDUCED_CELLS) & set(mesh.cell_types):
+                    what = "the mesh has no 20-node hexahedra and no 6-node wedges"
+                    where = f"substructure.{name}.reduced_integration"
+                    problems.add(where, what, ", ".join(mesh.cell_types), remedy="omit the key")
+                mesh = mesh.with_reduced_rules()
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description, units=scene.unit_system)
     if remarks is not None:

@@ -37,8 +37,8 @@ from ..errors import Problems, listed, shown
 from ..fem.elasticity import Elasticity
 from ..fem.elements import Elements, MeanStress, Recovery, stiffness
 from ..fem.faces import face_of
-from ..fem.mesh import Array, CellBlock, FacetSet, Index, Mesh
-from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER
+from ..fem.mesh import Array, FacetSet, Index, Mesh
+from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER, Rule
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm
 from ..scene.bolts import LARGEST_STRESS, NUT_FACTOR, Bolt
@@ -340,8 +340,8 @@ class OpenedMesh:
         self._twins, self._shift = np.concatenate(added), np.concatenate(shifts)
         # twins stand where their nodes do: the mesh is open in its connectivity alone
         nodes = np.concatenate([mesh.nodes, mesh.nodes[self._twins]])
-        types = mesh.cell_types
-        self.mesh = Mesh(nodes, tuple(CellBlock(t, c) for t, c in zip(types, blocks, strict=True)), {})
+        pairs = zip(mesh.blocks, blocks, strict=True)
+        self.mesh = Mesh(nodes, tuple(replace(block, cells=cells) for block, cells in pairs), {})
 
     @property
     def merging(self) -> sp.csr_array:
@@ -399,6 +399,17 @@ class _OpenedRecovery(Recovery):
     def nodal_stress(self, displacement: Array) -> Array:
         """Stress at the nodes (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m."""
         return self._opened.closed(super().nodal_stress(self._opened.displacement(displacement)))
+
+    def at_points(self, displacement: Array, number: int, rows: Index, rule: Rule) -> tuple[Array, Array, Array]:
+        """Strain, stress and volumes at points of cells, of displacements (n_node, 3) of the body, m."""
+        if len(displacement) < len(self._opened.mesh.nodes):
+            displacement = self._opened.displacement(displacement)
+        return super().at_points(displacement, number, rows, rule)
+
+    def nodal_forces(self, displacement: Array, unstrained: Array | None = None) -> Array:
+        """Forces (n_node, 3), N, that hold the body; on the cuts those of both sides together."""
+        forces = super().nodal_forces(self._opened.displacement(displacement), unstrained)
+        return np.asarray(self._opened.merging.T @ forces)
 
 
 _WIDEST: Final = 9  # nodes of a facet
@@ -743,7 +754,7 @@ def _part(body: Body, cells: np.ndarray) -> Elements:
     mesh, moduli = body.mesh, body.shape.moduli
     ends = np.cumsum([len(block.cells) for block in mesh.blocks])[:-1]
     parts = zip(mesh.blocks, np.split(cells, ends), strict=True)
-    blocks = tuple(CellBlock(block.cell_type, block.cells[members]) for block, members in parts if members.any())
+    blocks = tuple(replace(block, cells=block.cells[members]) for block, members in parts if members.any())
     return Elements(Mesh(mesh.nodes, blocks, {}), None if moduli is None else moduli[cells])
 
 

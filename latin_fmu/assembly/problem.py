@@ -606,8 +606,8 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
         repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
     )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
-    for block in body.mesh.blocks:
-        digest.update(block.cells.tobytes())
+    for block in body.shape.mesh.blocks:
+        digest.update(block.cells.tobytes() + bytes([block.reduced]))
     if body.shape.moduli is not None:
         digest.update(body.shape.moduli.tobytes())
     for matrix in (model.expansion, model.trace):

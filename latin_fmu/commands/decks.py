@@ -11,6 +11,7 @@ from .options import Argument, Option, command
 
 if TYPE_CHECKING:
     from ..decks.importing import ImportedDeck
+    from ..results.solution import Solution
 
 Units = Annotated[
     Literal["mm-t-s", "m", "in", "none"] | None,
@@ -72,10 +73,41 @@ def is_deck_file(file: Path) -> bool:
     return is_deck(file)
 
 
-def told_scene(file: Path, units: str | None, quiet: bool = False) -> Path:
-    """The scene file of a deck beside the results of a run, in the current folder; its summary goes to stderr."""
+def told_scene(file: Path, units: str | None, quiet: bool = False) -> tuple[Path, ImportedDeck]:
+    """The scene file of a deck beside the results of a run, in the current folder, and what the deck says; its summary
+    goes to stderr."""
     target = Path(f"{file.stem}.toml")
     imported = scene_of_deck(file, target, units)
     if not quiet:
         say("\n".join([*imported.summary(), f"scene: {target}", ""]))
-    return target
+    return target, imported
+
+
+def exact_lines(imported: ImportedDeck, solution: Solution, folder: Path) -> list[str]:
+    """What the penalty of a deck costs, by a second run without it; ``folder`` : of the scene."""
+    from .. import api
+    from ..decks.exact import penalty_error, without_penalty
+    from ..reader import scene_from_dict
+
+    tables = without_penalty(imported.tables)
+    if tables is None:
+        return ["the deck has no penalty: contact is exact"]
+    exact = api.solve(scene_from_dict(tables, folder))
+    if not (exact.trustworthy and solution.trustworthy):
+        return [f"error of the penalty: not known, without it the run has not succeeded: {exact.status}"]
+    return ["error of the penalty (with it, and with exact contact):", *penalty_error(imported.prints, solution, exact)]
+
+
+def write_printed(imported: ImportedDeck, solution: Solution, results: Path) -> Path | None:
+    """Write what a deck prints as CalculiX writes it, under the name of the results; None where it prints nothing.
+
+    Raises
+    ------
+    UnwrittenError : the file cannot be written.
+    """
+    from ..decks.printed import printed_text
+    from ..results.writing import PRINTED, write_bytes
+
+    if not any(True for _ in imported.prints.wanted()):
+        return None
+    return write_bytes(results.with_suffix(PRINTED), printed_text(imported.prints, solution).encode())

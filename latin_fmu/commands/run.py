@@ -34,11 +34,12 @@ from . import (
     seconds,
     started_together,
 )
-from .decks import Units, is_deck_file, told_scene
+from .decks import Units, exact_lines, is_deck_file, told_scene, write_printed
 from .options import Option, command
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
+    from ..decks.importing import ImportedDeck
     from ..latin.processes import Processes
     from ..results.checkpoint import Checkpoint
     from ..results.solution import Solution
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """\
 examples:
   latin-fmu run scene.toml
-  latin-fmu run bracket.inp --units mm-t-s
+  latin-fmu run bracket.inp --units mm-t-s --exact
   latin-fmu run scene.toml -o out.nc --set solver.tolerance=1e-4 --set output.fields=true --vtk for_paraview
   latin-fmu run scene.toml --json > report.json
   latin-fmu run scene.toml -o out.nc --checkpoint 10min --resume
@@ -95,6 +96,10 @@ class SolveOptions(OfScene):
         Option("results file (default: <name of the scene>.nc in the current folder)", "OUT.nc", "-o", output_file),
     ] = None
     units: Units = None
+    exact: Annotated[
+        bool,
+        Option("run a deck once more without its penalty, with exact contact, and print how far the results are apart"),
+    ] = False
     strict: Strict = False
     json: Json = False
     quiet: Annotated[bool, Option("no progress and no summary", flags="-q")] = False
@@ -156,9 +161,12 @@ def run(options: SolveOptions, signals: Signals) -> int:
         if processes is not None:
             remedy = f"latin-fmu import {options.scene}, and run the scene"
             raise InputError.of("bad argument", str(options.scene), "a deck is run by one process", remedy=remedy)
-        options = replace(options, scene=told_scene(options.scene, options.units, options.quiet))
-    elif options.units is not None:
+        target, deck = told_scene(options.scene, options.units, options.quiet)
+        return _run_alone(replace(options, scene=target), signals, deck)
+    if options.units is not None:
         raise InputError.of("bad argument", "--units", "a scene has units of its own", remedy="omit it")
+    if options.exact:
+        raise InputError.of("bad argument", "--exact", "a scene has no penalty of a deck", remedy="omit it")
     if processes is None:
         return _run_alone(options, signals)
     with ending_together(processes, signals):
@@ -220,7 +228,8 @@ def _code(solution: Solution, good: bool, options: SolveOptions) -> int:
     return CONVERGED
 
 
-def _run_alone(options: SolveOptions, signals: StopSignals) -> int:
+def _run_alone(options: SolveOptions, signals: StopSignals, deck: ImportedDeck | None = None) -> int:
+    """A run of one process; ``deck`` : that the scene was made from."""
     with signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.writing import remove_dead_drafts
@@ -247,7 +256,9 @@ def _run_alone(options: SolveOptions, signals: StopSignals) -> int:
     # a signal does not interrupt the writing: it ends the process with its code below
     signals.noted = True
     with Waiting("writing the results", quiet=options.quiet):
-        lost = _write(solution, target, options, written)
+        lost = _write(solution, target, options, written, deck)
+    if deck is not None and options.exact:
+        written += exact_lines(deck, solution, options.scene.parent)
     # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
@@ -277,7 +288,9 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
         say(f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}")
 
 
-def _write(solution: Solution, target: Path, options: SolveOptions, written: list[str]) -> list[Problem]:
+def _write(
+    solution: Solution, target: Path, options: SolveOptions, written: list[str], deck: ImportedDeck | None = None
+) -> list[Problem]:
     """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
     from ..results.writing import UnwrittenError
 
@@ -288,6 +301,12 @@ def _write(solution: Solution, target: Path, options: SolveOptions, written: lis
         written.append(f"results: {target}")
     except UnwrittenError as error:
         lost += error.problems
+    if deck is not None:
+        try:
+            if (printed := write_printed(deck, solution, target)) is not None:
+                written.append(f"printed as by CalculiX: {printed}")
+        except UnwrittenError as error:
+            lost += error.problems
     if vtk is not None:
         from ..results.vtk import export_vtu
 

@@ -23,7 +23,7 @@ from .translation import LEFT_OUT, Said, Translation
 
 _TIGHTENING: Final = ("bolt_force", "bolt_shift")
 _MOTIONS: Final = ("displacement", "velocity", "acceleration")
-_PLAIN: Final = ("C3D4", "C3D10", "C3D8", "C3D8I", "C3D20", "C3D27", "C3D6", "C3D15", "C3D5", "C3D13")
+_PLAIN: Final = ("C3D4", "C3D10", "C3D8", "C3D8I", "C3D20", "C3D20R", "C3D27", "C3D6", "C3D15", "C3D5", "C3D13")
 """Types of elements that a body has as they are in the deck."""
 _WAVE_SPEED: Final = 5000.0  # m/s, of metals: for a density that nothing depends on
 Law = Mapping[str, Any] | None
@@ -81,10 +81,12 @@ def _ordered(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _add_types(deck: Translation) -> None:
-    """What the types of elements are here: a line for each that differs, incompatible modes for C3D8I."""
+    """What the types of elements are here: a line for each that differs, bending modes for C3D8I, reduced rules for
+    C3D20R and C3D6."""
+    mixed = _add_reduced(deck)
     for name, place in deck.model.element_types.items():
         kind = element_type(name)
-        if name in _PLAIN:
+        if name in _PLAIN and name not in mixed:
             continue
         if kind is not None and kind[0] in CORNERS:
             text = f"{name}: integrated fully here, stiffer in bending and shear than its own rule"
@@ -104,6 +106,26 @@ def _add_types(deck: Translation) -> None:
         hexahedra = deck.content.volumes[group].get("hexahedron")
         if hexahedra is not None and np.isin(hexahedra, bending.get("hexahedron", hexahedra[:0])).any():
             deck.tables["substructure"][part]["bending_modes"] = True
+
+
+def _add_reduced(deck: Translation) -> set[str]:
+    """Reduced rules of parts all of whose cells of a kind have one; types that are integrated fully for the others."""
+    mixed: set[str] = set()
+    for group, part in deck.parts.items():
+        cells = deck.content.volumes[group]
+        reduced, full = set(), set()
+        for name, kind in (("C3D20R", "hexahedron20"), ("C3D6", "wedge")):
+            rows = cells.get(kind)
+            if rows is not None and len(rows):
+                of_type = deck.content.types.get(name, {}).get(kind, rows[:0])
+                inside = np.isin(rows, of_type)
+                reduced |= {name} if inside.any() else set()
+                full |= set() if inside.all() else {name}
+        if reduced and not full:
+            deck.tables["substructure"][part]["reduced_integration"] = True
+        elif reduced:
+            mixed |= reduced
+    return mixed
 
 
 def _join_shared(deck: Translation) -> None:
@@ -450,7 +472,10 @@ def _add_boundary(deck: Translation, card: Card, target: str, kind: str, values:
         else:
             part, _, face = str(held["face"]).partition(".")
             group = next(group for group, owner in deck.parts.items() if owner == part)
-            if not deck.content.touching(group, face):
+            if face in deck.single:
+                what = "moved corners of quadratic facets without their middle nodes"
+                deck.refuse(card, what, target, "add the middle nodes to the set")
+            elif not deck.content.touching(group, face):
                 deck.refuse(card, "moved nodes that make up no facet of an element: an edge or a point", target)
             table = {**held, "type": kind, "value": [tidy(values[axis]) for axis in axes]}
             table = _with_law(table, law)

@@ -1,7 +1,7 @@
 """The table of cards of Abaqus and CalculiX: what translates each, or why it is left out or refused.
 
 A card that stands in none of the tables is refused. To translate another one: a function of the deck and the card in
-``model_cards`` or ``step_cards``, which says what becomes of it, and a row here.
+``model_cards``, ``step_cards`` or ``print_cards``, which says what becomes of it, and a row here.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from ..mesh_files.deck_card import Card
-from . import model_cards, step_cards
+from . import model_cards, print_cards, step_cards
 from .translation import Translation
 
 Translator = Callable[[Translation, Card], None]
@@ -38,7 +38,7 @@ _OUTPUTS: Final = (
 TRANSLATORS: Final[Mapping[str, Translator]] = MappingProxyType(
     {
         **dict.fromkeys(_MESH, _mesh),
-        **dict.fromkeys(_OUTPUTS, step_cards.output),
+        **dict.fromkeys(_OUTPUTS, print_cards.output),
         **dict.fromkeys(step_cards.OTHER_PROCEDURES, step_cards.other_procedure),
         "TRANSFORM": _transform,
         "MATERIAL": model_cards.material,

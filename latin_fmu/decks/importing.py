@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from ..errors import InputError, MeshError, Problem
 from ..mesh_files.abaqus_cards import is_abaqus
+from ..mesh_files.adjusted_nodes import adjusted, has_adjusted
 from ..mesh_files.content import MeshContent
 from ..mesh_files.deck_card import FileLine
 from ..mesh_files.reading import read_content
@@ -18,6 +19,7 @@ from ..scene.substructures import part_name
 from ..scene.units import UNIT_SYSTEMS
 from .assembling import add_bodies, add_bolts, add_loads, add_time
 from .cards import translate
+from .print_cards import DeckPrints, prints_of
 from .step_cards import steps_of
 from .translation import LEFT_OUT, USED, Said, Translation
 from .units import UnitsOption, units_of
@@ -39,13 +41,15 @@ class ImportedDeck:
 
     Attributes
     ----------
-    tables : the scene, of the shape of its file. said : a line for each card. units : the sentence on units.
+    tables : the scene, of the shape of its file. said : a line for each card. units : the sentence on units. prints :
+    what the deck prints of a run.
     """
 
     deck: str
     tables: Mapping[str, Any]
     said: tuple[Said, ...]
     units: str
+    prints: DeckPrints
 
     def summary(self) -> list[str]:
         """Lines for a user: units first, what is used, what is left out and what that changes."""
@@ -107,6 +111,9 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     file = Path(path)
     content = read_content(file)
     content.refuse()
+    moved = has_adjusted(content)
+    if moved:
+        content = adjusted(content)
     if content.deck is None:
         raise InputError.of(_HEADING, file.name, "not a deck of Abaqus or CalculiX", remedy="name a .inp file")
     parts = _parts(content, file)
@@ -121,15 +128,20 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     speed = UNIT_SYSTEMS[system].size("m s-1") if UNIT_SYSTEMS[system].measurable else 1.0
     add_bodies(deck, speed**2)
     add_bolts(deck)
-    add_loads(deck, add_time(deck))
+    axis = add_time(deck)
+    add_loads(deck, axis)
     if deck.problems:
         raise InputError(deck.problems, _HEADING)
     where = os.path.relpath(file.resolve(), Path(folder if folder is not None else file.parent).resolve())
-    mesh = {"file": Path(where).as_posix(), "mesh_only": True, "parts": list(parts)}
+    mesh: dict[str, Any] = {"file": Path(where).as_posix(), "mesh_only": True, "parts": list(parts)}
+    if moved:
+        mesh["adjust"] = True
+    if deck.single:
+        mesh["points"] = sorted(deck.single)
     deck.tables["mesh"] = {part_name(file.stem): mesh}
     tables = {"name": part_name(file.stem), **_head(deck), "units": system}
     tables |= {key: deck.tables[key] for key in _ORDER if deck.tables.get(key)}
-    return ImportedDeck(file.name, tables, tuple(deck.said), sentence)
+    return ImportedDeck(file.name, tables, tuple(deck.said), sentence, prints_of(deck, axis.origin))
 
 
 def _head(deck: Translation) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from .histories import tidy
 from .surfaces import closest
 from .translation import SectionBolt, Translation
 
+_TOUCHING: Final = 1e-9  # of the size of the mesh
 _EXACT: Final = "contact exact at its points, no penalty"
 
 
@@ -152,7 +153,7 @@ def contact_pair(deck: Translation, card: Card) -> None:
             name = card.name("INTERACTION") if len(card.rows) == len(pairs) == 1 else f"{fields[0]}_{fields[1]}"
             table = {"sides": sides, **_law(deck, card, law)}
             table |= _adjusted(deck, card, fields[0], fields[1])
-            deck.add("interface", name.replace(".", "_"), table)
+            deck.pairs[deck.add("interface", name.replace(".", "_"), table)] = f"{fields[0]}/{fields[1]}"
     text = "interfaces with the slave first; on the places that the nodes have at the start"
     if "SMALL SLIDING" not in card.parameters:
         text += ", also where the deck lets them slide far"
@@ -206,24 +207,18 @@ def _adjusted(deck: Translation, card: Card, slave: str, master: str) -> dict[st
         "elastic_layer"
     ):
         return {}
+    # the mesh is the moved one
     gaps = closest(deck.content, slave, master)
-    within = numbers([card.name("ADJUST") or "0"])
-    if within is None:
-        moved = len(deck.rows(card.name("ADJUST"))) > 0
-        reach = f"the set {card.name('ADJUST')}"
-        everything = moved and bool(np.isin(deck.rows(slave), deck.rows(card.name("ADJUST"))).all())
-    else:
-        reach = f"the distance {within[0]:g}"
-        everything = len(gaps) > 0 and bool((gaps <= within[0]).all())
-        moved = len(gaps) > 0 and bool((gaps <= within[0]).any())
-    if everything:
-        deck.left_out(card, 'ADJUST does not move nodes here: gap = "closed", their distance does not count')
+    size = float(np.ptp(deck.content.points, axis=0).max())
+    moved = int((gaps <= _TOUCHING * size).sum())
+    if moved and moved == len(gaps):
+        deck.used(card, 'ADJUST: all nodes of the slave are on the master, gap = "closed"')
         return {"gap": "closed"}
-    if moved:
-        text = f"ADJUST does not move nodes here: gaps within {reach} stay as they are, overlaps count as none"
-        deck.left_out(card, text)
+    if len(gaps) and moved:
+        deck.used(card, f"ADJUST: {moved} of {len(gaps)} corners of the slave are on the master, by mesh.adjust")
         return {"overlap": "ignore"}
-    deck.left_out(card, f"ADJUST moves no node: none is within {reach}")
+    text = "ADJUST moves no node: none is within its reach, or the master is curved"
+    deck.left_out(card, text)
     return {}
 
 

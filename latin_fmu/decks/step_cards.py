@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_loads import LoadedSet, degrees, loaded_groups
 from ..mesh_files.deck_model import numbers
+from ..mesh_files.deck_scene import set_named
 from .histories import Amplitude, DeckQuantity, DeckStep
 from .surfaces import inner_facets, unlisted_middles
 from .translation import Translation
@@ -241,12 +242,9 @@ def _on_parts(deck: Translation, card: Card, group: LoadedSet) -> bool:
     if not deck.parts_of_nodes(group.name):
         deck.refuse(card, "nodes that are of no solid: a reference node, or a set of them", group.name)
         return False
-    if missing := unlisted_middles(deck.content, deck.rows(group.name)):
-        what = "corners of quadratic facets without their middle nodes: a face of a scene has both"
-        deck.refuse(
-            card, what, f"{group.name}: {missing} middle nodes are not in it", "add the middle nodes to the set"
-        )
-        return False
+    if unlisted_middles(deck.content, deck.rows(group.name)):
+        # a face has its middle nodes, too
+        deck.single.add(set_named(deck.content, group.name))
     return True
 
 
@@ -343,74 +341,3 @@ def temperature(deck: Translation, card: Card) -> None:
         for part in parts:
             deck.set(DeckQuantity("temperature", part), values[0], card)
     deck.used(card, "[temperature.NAME], as a change from the initial temperature")
-
-
-# -- outputs ----------------------------------------------------------------------------------------------------------
-_FEW: Final = 10  # nodes of a set that become sensors
-_FIELDS: Final[dict[str, dict[str, bool]]] = {
-    "U": {"fields": True},
-    "V": {"fields": True},
-    "RF": {"reactions": True},
-    "S": {"nodal_stress": True},
-    "E": {"strain": True},
-    "LE": {"strain": True},
-    "ENER": {"energy": True},
-    "ELSE": {"energy": True},
-    "ALLKE": {"energy": True},
-    "ALLIE": {"energy": True},
-    "CSTR": {"surfaces": True},
-    "CSTRESS": {"surfaces": True},
-    "CDIS": {"surfaces": True},
-    "CDISP": {"surfaces": True},
-    "CF": {},
-}
-"""Keys of [output] by the word of a deck; CF, the force of a contact, is always there."""
-
-
-def output(deck: Translation, card: Card) -> None:
-    """*NODE PRINT and its like: sensors of few nodes, keys of [output]."""
-    if _left_with_its_step(deck, card):
-        return
-    words = [word.upper() for _, fields in card.tokens() for word in fields if word]
-    lost = [word for word in words if word not in _FIELDS]
-    keys: dict[str, Any] = {}
-    moved = {"U", "V", "A"} & set(words)
-    points = _sensors(deck, card) if card.keyword == "NODE PRINT" and moved else 0
-    for word in words:
-        if not (points and word in ("U", "V", "A")):
-            keys |= _FIELDS.get(word, {})
-    if card.keyword == "EL PRINT" and "S" in words:
-        keys = {**{key: value for key, value in keys.items() if key != "nodal_stress"}, "stress": True}
-    if keys:
-        deck.output(**keys)
-    if points:
-        deck.used(card, f"{points} [sensor.NAME]")
-    elif keys or "CF" in words:
-        names = ", ".join(f"output.{key}" for key in keys) or "forces of the interfaces, always there"
-        text = f"{names}; of the whole mesh" if card.name("NSET") or card.name("ELSET") else names
-        if "stress" in keys:
-            text += ", means of the elements in the place of values at integration points"
-        deck.used(card, text)
-    if lost and not (lost == ["A"] and points):
-        deck.left_out(card, f"{', '.join(lost)}: not in the results")
-    if not words:
-        deck.left_out(card, "no quantities named, the results have theirs")
-
-
-def _sensors(deck: Translation, card: Card) -> int:
-    """Add sensors at the nodes of a small set; their number."""
-    rows = deck.rows(card.name("NSET"))
-    if not 0 < len(rows) <= _FEW:
-        return 0
-    count = 0
-    for i, row in enumerate(rows.tolist(), 1):
-        for group, part in deck.parts.items():
-            if row not in deck.content.nodes_of(group):
-                continue
-            name = card.name("NSET") if len(rows) == 1 else f"{card.name('NSET')}_{i}"
-            table = {"substructure": part, "point": deck.content.points[row].tolist()}
-            if table not in deck.tables.get("sensor", {}).values():
-                deck.add("sensor", name, table)
-            count += 1
-            break
-    return count

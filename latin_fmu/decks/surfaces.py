@@ -18,7 +18,7 @@ def closest(content: MeshContent, slave: str, master: str) -> Array:
 
     The nearest of the triangles of ``_NEIGHBOURS`` facets with the nearest middles.
     """
-    nodes, triangles = _nodes(content, slave), _triangles(content, master)
+    nodes, triangles = surface_nodes(content, slave), _triangles(content, master)
     if not len(nodes) or not len(triangles):
         return np.zeros(0)
     points = content.points[nodes]
@@ -75,7 +75,7 @@ def _tables(content: MeshContent, name: str) -> list[Index]:
     return list(content.facets.get(spelled.get(name.rpartition(".")[2].upper(), ""), []))
 
 
-def _nodes(content: MeshContent, name: str) -> Index:
+def surface_nodes(content: MeshContent, name: str) -> Index:
     """Rows of the nodes of a surface of facets or nodes."""
     if tables := _tables(content, name):
         return np.unique(np.concatenate([table.ravel() for table in tables]))

@@ -49,6 +49,23 @@ class SectionBolt:
     sign: float
 
 
+@dataclass(frozen=True)
+class PrintRequest:
+    """What one card prints.
+
+    Attributes
+    ----------
+    keyword : of the card. words : quantities that are printed. target : set, in capitals, or SLAVE/MASTER. totals : NO,
+    YES, ONLY. local : along the axes of *TRANSFORM.
+    """
+
+    keyword: str
+    words: tuple[str, ...]
+    target: str
+    totals: str
+    local: bool
+
+
 @dataclass
 class Translation:
     """A deck and the scene that it becomes.
@@ -59,7 +76,9 @@ class Translation:
     order. problems : reasons why it is refused. said : lines of the summary. tables : of the scene, by kind and name.
     material_keys : constants of materials, in capitals, that the mesh reader does not take. histories : of loads and
     motions. amplitudes, interactions : by name in capitals. bolts : by the number of their node. initial : temperature
-    by node set. material, interaction : that the cards are of. number : of the present step, 0 before the first.
+    by node set. prints : requests by step that makes them. frequencies : of output by step. single : node sets that
+    are no faces. sensors : their names by rows of nodes. pairs : surfaces ``SLAVE/MASTER`` by interface. material,
+    interaction : that the cards are of. number : of the present step, 0 before the first.
     """
 
     content: MeshContent
@@ -74,6 +93,11 @@ class Translation:
     interactions: dict[str, dict[str, Any]] = field(default_factory=dict)
     bolts: dict[str, SectionBolt] = field(default_factory=dict)
     initial: dict[str, float] = field(default_factory=dict)
+    prints: dict[int, list[PrintRequest]] = field(default_factory=dict)
+    frequencies: dict[int, int] = field(default_factory=dict)
+    single: set[str] = field(default_factory=set)
+    sensors: dict[int, str] = field(default_factory=dict)
+    pairs: dict[str, str] = field(default_factory=dict)
     material: str = ""
     interaction: str = ""
     number: int = 0

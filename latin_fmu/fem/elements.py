@@ -21,7 +21,7 @@ linear functions; of elements that share a node the mean is taken, each counting
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -110,15 +110,15 @@ class Elements:
         for block, rule, pieces in self._pieces(of_products):
             for piece in pieces:
                 cells, of_cell = _different(self.mesh.nodes, piece.cells)
-                yield block.cell_type, points_in(self.mesh.nodes, CellBlock(block.cell_type, cells), rule), of_cell
+                yield block.cell_type, points_in(self.mesh.nodes, replace(block, cells=cells), rule), of_cell
 
     def _pieces(self, of_products: bool) -> Iterator[tuple[CellBlock, Rule, list[CellBlock]]]:
         """Blocks of the mesh with their rule, in pieces that fit into memory."""
         for block in self.mesh.blocks:
-            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block))
+            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block), block.reduced)
             size = max(1, _AT_ONCE // (3 * len(rule.weights) * block.cells.shape[1]))
             firsts = range(0, len(block.cells), size)
-            yield block, rule, [CellBlock(block.cell_type, block.cells[i : i + size]) for i in firsts]
+            yield block, rule, [replace(block, cells=block.cells[i : i + size]) for i in firsts]
 
     @cached_property
     def _pattern(self) -> tuple[Index, Index, Index, Index]:
@@ -436,6 +436,59 @@ class Recovery:
             total += share @ at_nodes.reshape(block.cells.size, -1)
             weight += share @ np.ones(block.cells.size)
         return np.swapaxes((total / weight[:, None]).reshape(n_node, n_time, 6), 0, 1)
+
+    def at_points(self, displacement: Array, number: int, rows: Index, rule: Rule) -> tuple[Array, Array, Array]:
+        """Strain and stress at points of some cells: not means, as the integration points of other programs.
+
+        Parameters
+        ----------
+        displacement : (n_node, 3), m. number : of the block of cells. rows : of its cells. rule : the points; with
+        bending modes those of the stiffness.
+
+        Returns
+        -------
+        Strain (n_cell, n_point, 6), stress, Pa, that it makes, and volume (n_cell, n_point), m3, of each point.
+        """
+        blocks = self._elements.mesh.blocks
+        block = replace(blocks[number], cells=blocks[number].cells[rows])
+        points = points_in(self._elements.mesh.nodes, block, rule)
+        slopes = np.einsum("cpaj,cai->cpij", points.gradients, displacement[block.cells], optimize=True)
+        if self._bending and block.cell_type in BENDING_CELLS:
+            slopes += mode_slopes(points, self._material, displacement[None, block.cells])[0]
+        strain = symmetric(slopes)
+        stress = self._material.stress(strain)
+        if self._elements.moduli is not None:
+            before = sum(len(b.cells) for b in blocks[:number])
+            stress = self._elements.moduli[before + rows, None, None] * stress
+        return strain, stress, points.volumes
+
+    def strain_of(self, stress: Array) -> Array:
+        """Strain (..., 6) that a stress (..., 6), Pa, makes."""
+        compliance = np.linalg.inv(self._material.stress(np.eye(6)))
+        return np.asarray(stress @ compliance)
+
+    def nodal_forces(self, displacement: Array, unstrained: Array | None = None) -> Array:
+        """Forces (n_node, 3), N, that hold the body in a shape: int grad phi . sigma.
+
+        displacement : (n_node, 3), m. unstrained : (n_cell or 1, 6) stress that no strain makes, Pa.
+        """
+        total = np.zeros((len(self._elements.mesh.nodes), 3))
+        first = 0
+        for number, block in enumerate(self._elements.mesh.blocks):
+            curved = is_curved(self._elements.mesh.nodes, block)
+            rule = cell_rule(block.cell_type, False, curved, block.reduced)
+            size = max(1, _AT_ONCE // (9 * len(rule.weights) * block.cells.shape[1]))
+            for start in range(0, len(block.cells), size):
+                rows = np.arange(start, min(start + size, len(block.cells)))
+                _, stress, volumes = self.at_points(displacement, number, rows, rule)
+                if unstrained is not None:
+                    stress = stress + unstrained[(first + rows) % len(unstrained), None, :]
+                some = replace(block, cells=block.cells[rows])
+                slopes = points_in(self._elements.mesh.nodes, some, rule).gradients
+                forces = np.einsum("cpaj,cpij,cp->cai", slopes, tensors(stress), volumes, optimize=True)
+                np.add.at(total, some.cells, forces)
+            first += len(block.cells)
+        return total
 
     def _pieces(self, n_time: int) -> Iterator[tuple[CellBlock, Rule, Array]]:
         """Blocks in pieces, with the rule of the points and the matrix (n_node, n_point) from there to the nodes."""

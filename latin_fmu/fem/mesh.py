@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .reference_cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KIND, HEX_FACES
+from .reference_cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KIND, HEX_FACES, REDUCED_CELLS
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -25,10 +25,12 @@ class CellBlock:
     Attributes
     ----------
     cell_type : a key of ``reference_cells.CELL_FACES``. cells : (n_cell, n_node_of_type) connectivity, VTK order.
+    reduced : whether the stiffness is that of the reduced rule (``reference_cells.cell_rule``).
     """
 
     cell_type: str
     cells: Index
+    reduced: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,11 @@ class Mesh:
         """Mesh of one type of cells, every face of one kind of facets."""
         named = {name: FacetSet.of(facets) for name, facets in (faces or {}).items()}
         return Mesh(nodes, (CellBlock(cell_type, cells),), named)
+
+    def with_reduced_rules(self) -> Mesh:
+        """The mesh with the reduced rule in all cells that have one."""
+        blocks = tuple(replace(block, reduced=block.cell_type in REDUCED_CELLS) for block in self.blocks)
+        return replace(self, blocks=blocks)
 
     @property
     def n_node(self) -> int:

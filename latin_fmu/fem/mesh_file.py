@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,12 +24,15 @@ _CURVED = (
 _FLAT = 1e-12  # det J over the lengths of its columns
 
 
-def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: float = 1.0) -> Mesh:
+def mesh_of(
+    content: MeshContent, where: str, group: str | None = None, scale: float = 1.0, points: Collection[str] = ()
+) -> Mesh:
     """The volume ``group`` of a mesh file (all volume cells when None) and the named faces on its surface.
 
     Parameters
     ----------
     content : of the file. where : its name. group : name of a volume group. scale : metres per unit of the file.
+    points : node sets that are no faces.
 
     Raises
     ------
@@ -63,7 +69,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
                 )
             ]
         )
-    faces = _named_faces(content, renumber, surface)
+    faces = _named_faces(content, renumber, surface, points)
     return Mesh(nodes, bare.blocks, faces, _named_points(content, renumber, faces))
 
 
@@ -132,7 +138,7 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
                 )
             ]
         )
-    return CellBlock(block.cell_type, cells)
+    return replace(block, cells=cells)
 
 
 def _check_cells(mesh: Mesh, where: str) -> None:
@@ -146,10 +152,13 @@ def _check_cells(mesh: Mesh, where: str) -> None:
         raise MeshError([problem], "unusable mesh")
 
 
-def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> dict[str, FacetSet]:
+def _named_faces(
+    content: MeshContent, renumber: Index, surface: FacetSet, points: Collection[str] = ()
+) -> dict[str, FacetSet]:
     """Named surface groups whose facets are on the boundary of this volume, oriented outwards.
 
-    A node set names the facets that have all their corners in it, where no surface group has its name.
+    A node set names the facets that have all their corners in it, where no surface group has its name and
+    it is not one of ``points``.
     """
     outward = {
         tuple(sorted(corners)): (block.kind, row)
@@ -167,7 +176,7 @@ def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> di
                     matches[match] = None
         _add_face(faces, name, list(matches), by_kind)
     for name, rows in content.node_sets.items():
-        if name in faces or name in content.facets:
+        if name in faces or name in content.facets or name in points:
             continue
         inside = np.zeros(len(renumber) + 1, dtype=bool)
         inside[renumber[rows]] = True
@@ -274,7 +283,7 @@ def refined(mesh: Mesh) -> Mesh:
     number = np.argsort(np.argsort(first))  # nodes are counted in the order of the cells
     split = iter([number[np.searchsorted(keys, table)] for table in tables])
     # in the order of ``pieces``: all blocks, then the faces
-    blocks = tuple(CellBlock(block.cell_type, next(split)) for block in mesh.blocks)
+    blocks = tuple(replace(block, cells=next(split)) for block in mesh.blocks)
     faces = {
         name: FacetSet(tuple(FacetBlock(block.kind, next(split)) for block in face.blocks))
         for name, face in mesh.faces.items()

@@ -238,6 +238,10 @@ def mirrored(cell_type: str) -> list[int]:
     return [int(i) for i in apart.argmin(axis=1)]
 
 
+REDUCED_CELLS: Final = ("hexahedron20", "wedge")
+"""Types of cells with a reduced rule."""
+
+
 @dataclass(frozen=True)
 class Rule:
     """Points (n_point, d) and weights (n_point,) on a reference cell."""
@@ -286,15 +290,20 @@ def _corner_rule(axes: int) -> Rule:
 
 
 @cache
-def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False) -> Rule:
+def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False, reduced: bool = False) -> Rule:
     """Rule for the stiffness of a cell, or (``of_products``) for products of its shape functions, as in the mass.
 
     Hexahedra: 2 x 2 x 2 points, 3 x 3 x 3 on quadratic ones. Tetrahedra: 4 points, which are exact for the stiffness
     of both orders where edges are straight; 8 where they are ``curved`` (degree 3: uniform strain stays exact), 27 for
     the mass of quadratic ones (degree 5). Wedges: 3 x 2 points, 3 x 3 on quadratic ones, 9 x 3 (degree 5 in the
     triangle) for their mass and where they are curved. Pyramids: 2 x 2 x 2 points of the hexahedron, 3 x 3 x 3 for the
-    mass; quadratic ones 3 x 3 x 3, and 4 x 4 x 4 for the mass.
+    mass; quadratic ones 3 x 3 x 3, and 4 x 4 x 4 for the mass. ``reduced`` : 2 x 2 x 2 points for the stiffness of
+    20-node hexahedra, 1 x 2 for that of 6-node wedges, as C3D20R and C3D6 of CalculiX.
     """
+    if reduced and not of_products and cell_type in REDUCED_CELLS:
+        if cell_type == "wedge":
+            return _times(simplex_rule(1, 2), _line(2))
+        return volume_rule(cell_type, 2)
     if cell_type.startswith(("hexahedron", "pyramid")):
         number = 3
         if cell_type == "hexahedron" or (cell_type == "pyramid" and not of_products):

@@ -94,6 +94,7 @@ class _PlacedDeck:
         self.names: list[str] = []  # of its type in the deck
         self.first: list[int] = []  # global number of its first element
         self.cells: list[Index] = []
+        self.labels: list[Index] = []  # of the elements of every block
         self.frames = [self._frame("", deck.root, None)]
         instances = deck.instances or [(name, name, Scope(), []) for name in deck.parts]
         for name, part, instance_scope, card in instances:
@@ -132,6 +133,7 @@ class _PlacedDeck:
             self.first.append(self.n_element)
             # rows in the table of all instances
             self.cells.append(np.where(absent, -1, rows + frame.first_node).reshape(connectivity.shape))
+            self.labels.append(labels)
             self.n_element += len(labels)
             every.append(labels)
         if every:
@@ -240,6 +242,7 @@ class _DeckContent(_PlacedDeck):
             content.points = np.concatenate(self.points)
         else:
             content.points = np.zeros((0, 3))
+        content.labels = np.concatenate([NO_ROWS, *(frame.node_labels for frame in self.frames)])
         self.row_in_type = np.zeros(self.n_element, dtype=np.int64)
         for block, (kind, cells) in enumerate(zip(self.kinds, self.cells, strict=True)):
             if kind not in CORNERS:
@@ -248,6 +251,7 @@ class _DeckContent(_PlacedDeck):
             ordered, order = in_vtk_order(content.points, kind, cells, "Abaqus")
             self.row_in_type[span] = content.add_solids(kind, ordered)
             content.add_type(self.names[block], kind, self.row_in_type[span])
+            content.cell_labels[kind] = np.concatenate([content.cell_labels.get(kind, NO_ROWS), self.labels[block]])
             if order != "Abaqus":
                 content.said.append(f"the middle nodes of {len(cells)} {kind} cells are in the order of {order}")
         complete(content)

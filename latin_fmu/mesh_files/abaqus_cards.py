@@ -18,6 +18,15 @@ _DATA: Final = frozenset(
     }
 )
 """Keywords whose data lines are read, from another file, too (INPUT=)."""
+_OF_TWO_WORDS: Final = {
+    words.replace(" ", ""): words
+    for words in (
+        *("END STEP", "SOLID SECTION", "CONTACT PAIR", "SURFACE INTERACTION", "SURFACE BEHAVIOR", "INITIAL CONDITIONS"),
+        *("NODE PRINT", "EL PRINT", "CONTACT PRINT", "NODE FILE", "EL FILE", "CONTACT FILE", "NODE OUTPUT"),
+        *("PRE-TENSION SECTION", "RIGID BODY", "TIME POINTS", "END PART", "END ASSEMBLY", "END INSTANCE"),
+    )
+}
+"""Keywords that CalculiX also reads without their blank."""
 
 
 def cards(text: str, include: Include, problems: FileProblems) -> Iterator[Card]:
@@ -88,7 +97,8 @@ def _card(line: str, where: str, number: int) -> Card:
     for item in rest:
         key, _, value = item.partition("=")
         parameters[key.strip().upper()] = value.strip().strip('"')
-    return Card(" ".join(first.lstrip("*").upper().split()), parameters, where, number)
+    keyword = " ".join(first.lstrip("*").upper().split())
+    return Card(_OF_TWO_WORDS.get(keyword, keyword), parameters, where, number)
 
 
 def _with_input(card: Card, include: Include, problems: FileProblems) -> Card:

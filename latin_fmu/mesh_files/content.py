@@ -115,7 +115,8 @@ class MeshContent:
         unit : of length, as the file names it; empty where it does not.
     deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
         sections of its volume groups, in capitals. types : rows of its cells in ``solids`` by type of element, as the
-        deck writes it in capitals, and type of cell.
+        deck writes it in capitals, and type of cell. labels : (n,) numbers in the deck of the first n points, those
+        that are not made. cell_labels : numbers in the deck of the cells by type of cell, as in ``solids``.
     """
 
     points: Array
@@ -133,6 +134,8 @@ class MeshContent:
     deck: DeckModel | None = None
     sections: dict[str, list[str]] = field(default_factory=dict)
     types: dict[str, dict[str, Index]] = field(default_factory=dict)
+    labels: Index = field(default_factory=lambda: NO_ROWS)
+    cell_labels: dict[str, Index] = field(default_factory=dict)
 
     def add_solids(self, kind: str, cells: Index) -> Index:
         """Append cells of a type to ``solids``; their rows there, (n_cell,)."""

@@ -21,6 +21,8 @@ from typing import Final
 
 from ..errors import Problem, ResultsError
 
+PRINTED: Final = ".dat"
+"""Suffix of what a deck prints."""
 Write = Callable[[Path], object]
 """Writes an output to the path it is given."""
 STREAMED: Final = 64e6

@@ -116,6 +116,19 @@ MeshOnly = Annotated[
         "scene, as `latin-fmu import` writes them"
     ),
 ]
+SingleNodes = Annotated[
+    tuple[Text, ...],
+    about(
+        "node sets that are nodes alone, no face, whatever facets have their corners in them: corners of quadratic "
+        "facets without the middle nodes, on which forces or supports of a deck act"
+    ),
+]
+Adjusted = Annotated[
+    Flag,
+    about(
+        "slave nodes of the contact pairs of a deck are moved onto the master as its ADJUST says, where this is flat"
+    ),
+]
 
 
 class MeshFile(SceneTable):
@@ -128,6 +141,8 @@ class MeshFile(SceneTable):
     refine: Refinements = 0
     ignore: Ignored = ()
     mesh_only: MeshOnly = False
+    points: SingleNodes = ()
+    adjust: Adjusted = False
 
 
 class ModalDampingTable(SceneTable):
@@ -156,6 +171,13 @@ class Substructure(SceneTable):
     ] = False
     bending_modes: Annotated[
         Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
+    ] = False
+    reduced_integration: Annotated[
+        Flag,
+        about(
+            "stiffness of 20-node hexahedra from 2 x 2 x 2 points, of 6-node wedges from 2, as C3D20R and C3D6 of "
+            "CalculiX; a cell alone can deform without a force"
+        ),
     ] = False
     modal_damping: Annotated[
         ModalDampingTable | None, about("damping of the modes, one ratio for all up to a frequency")
@@ -235,6 +257,8 @@ class MeshParts(SceneTable):
     ] = None
     ignore: Ignored = ()
     mesh_only: MeshOnly = False
+    points: SingleNodes = ()
+    adjust: Adjusted = False
     take: Annotated[
         tuple[Literal["CONM2", "RBE2", "RBE3"], ...],
         BeforeValidator(_as_list),
