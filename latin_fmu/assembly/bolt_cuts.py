@@ -123,10 +123,11 @@ class _CutSearch:
         chosen = self._shank.at(level)
         if not len(chosen):
             low, high = self._shank.heights.min(), self._shank.heights.max()
+            height = level * self._shank.length + self._shank.bottom
             problems.add(
                 where,
                 f"the plane of the cut meets no element of {self._body.name}",
-                f"plane at {level * self._shank.length + self._shank.bottom:.6g} {self._body.units['m']} along the axis",
+                f"plane at {height:.6g} {self._body.units['m']} along the axis",
                 f"between {low:.6g} and {high:.6g} {self._body.units['m']}, half an element inside",
                 "move the point, or omit it",
             )

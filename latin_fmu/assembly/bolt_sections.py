@@ -1,13 +1,13 @@
 """Sections of shanks at named places, found from the meshes, and what the shanks clamp.
 
 Along its axis a shank is free between what holds its two ends: the innermost points of seats, bonds and held nodes on
-either side of its cut. ``head`` and ``thread`` are the sections of the free shank next to these, just under the head and
-at the first engaged thread. The end with the thread is that of a bond around the shank, else that of a bond or of held
-nodes; where both ends are alike the head is the end that the axis points to, and of a stud with a nut at each end both
-have a thread.
+either side of its cut. ``head`` and ``thread`` are the sections of the free shank next to these, just under the head
+and at the first engaged thread. The end with the thread is that of a bond around the shank, else that of a bond or of
+held nodes; where both ends are alike the head is the end that the axis points to, and of a stud with a nut at each end
+both have a thread.
 
-A ``parting`` face is where an interface of other parts, across the axis, surrounds the shank between its ends, that of a
-washer included. Its points belong to the shank that is nearest to them, of those which cross it.
+A ``parting`` face is where an interface of other parts, across the axis, surrounds the shank between its ends, that of
+a washer included. Its points belong to the shank that is nearest to them, of those which cross it.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from ..fem.mesh import Array, Index
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import InterfaceUnit
 from ..latin.bolt_sections import CUT, HEAD, PARTING, THREAD, ClampedFace, ScrewData, ShankSections
+from ..results.bolt_strength import endurance_limit
 from ..scene.fields import split_face
 from ..scene.threads import class_minimum
-from .body import Body, body_sides
+from .body import Body
 from .bolts import BoltCut, OpenedMesh, ShankSection
-from .shank_facets import ShankFacets, across, chosen_elements
+from .shank_facets import SAME, ShankFacets, across, chosen_elements
 
 _NEAR: Final = 3.0  # radii of the shank around its axis within which points hold it, or surround it
 _ACROSS: Final = 0.5  # cosine between a normal and the axis from which on a face lies across it
@@ -47,7 +48,7 @@ class Ring:
     Attributes
     ----------
     unit : the interface. sides : names of its bodies. heights : (n_point,) along the axis, m. radii : (n_point,)
-        distance from it, m. across : (n_point,) whether the face lies across it. near : (n_point,) whether within reach.
+        distance from it, m. across : (n_point,) whether the face lies across it. near : (n_point,) those within reach.
     """
 
     unit: InterfaceUnit
@@ -203,7 +204,11 @@ class _Shank:
         facets, cut = self.facets, self.cut
         near = facets.at(float(facets.level(np.asarray(self.middle))))
         step = float(np.median(facets.high[near] - facets.low[near])) if len(near) else 0.0
-        level = float(facets.level(np.asarray(height))) + np.sign(self.middle - height) * inside * step
+        wanted = float(facets.level(np.asarray(height))) + np.sign(self.middle - height) * inside * step
+        # at an end of the body the first plane of facets, not far away
+        level = float(np.clip(wanted, facets.low.min(), facets.high.max() - SAME))
+        if abs(level - wanted) > step:
+            return f"the mesh of {self.body.name} ends before"
         chosen = facets.at(level)
         if not len(chosen):
             return f"the mesh of {self.body.name} has no facet across the axis there"
@@ -282,7 +287,8 @@ def _named(shank: _Shank, faces: Faces) -> tuple[list[ShankSection], ShankSectio
     for name, height, inside in wanted:
         found = shank.section(height, inside)
         if isinstance(found, str):
-            missing.append(f"no section {name} at {height:.4g} {shank.body.units['m']} along the axis: {found}")
+            at = round(height, 9) + 0.0
+            missing.append(f"no section {name} at {at:.4g} {shank.body.units['m']} along the axis: {found}")
             continue
         same = [i for i, other in enumerate(sections) if np.array_equal(other.nodes, found.nodes)]
         if not same:
@@ -328,32 +334,30 @@ def _screw(shank: _Shank, bodies: Mapping[str, Body]) -> ScrewData | None:
     table, units, thread = shank.cut.table, shank.body.units, shank.cut.table.named_thread
     if thread is None:
         return None
-    area, metre, pascal = units.size("m2"), units.size("m"), units.size("Pa")
+    mm, mpa = 1e-3 / units.size("m"), 1e6 / units.size("Pa")
     bearing = {HEAD: table.head_bearing, THREAD: table.nut_bearing}
     areas: dict[str, float | None] = {}
     for end, diameters in bearing.items():
         seat = shank.seat(shank.ends.get(end), bodies)
         areas[end] = None
         if diameters is not None:
-            areas[end] = 1e6 * area * 0.25 * np.pi * (diameters[1] ** 2 - diameters[0] ** 2)
+            areas[end] = 0.25 * np.pi * (diameters[1] ** 2 - diameters[0] ** 2)
         elif seat is not None:
-            areas[end] = 1e6 * area * seat / shank.cut.share
-    limit, length = shank.body.shape.material.yield_stress, table.clamp_length or shank.length
-    strength = None if limit is None else 1e-6 * pascal * limit
+            areas[end] = seat / shank.cut.share
+    limit = shank.body.shape.material.yield_stress
     if table.property_class is not None:
-        strength = class_minimum(table.property_class, thread.diameter)
-    allowed = table.permissible_pressure
+        limit = mpa * (class_minimum(table.property_class, thread.diameter) or 0.0)
     return ScrewData(
-        thread.diameter,
-        thread.pitch,
-        thread.flank_diameter,
-        thread.stress_diameter,
-        strength,
+        mm * thread.pitch,
+        mm * thread.flank_diameter,
+        mm * thread.stress_diameter,
+        limit,
         table.property_class,
-        table.friction_of_thread(),
+        mpa * endurance_limit(thread.diameter),
         table.rolled,
-        None if allowed is None else 1e-6 * pascal * allowed,
+        table.friction_of_thread(),
+        table.permissible_pressure,
         areas[HEAD],
         areas[THREAD],
-        None if length is None else 1e3 * metre * length,
+        table.clamp_length or shank.length,
     )

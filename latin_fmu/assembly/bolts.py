@@ -29,7 +29,7 @@ plastic elongation q, and the shortening delta - q (``yielding_bolts``). Where t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -89,7 +89,9 @@ class ShankSection:
         """A section without rows: nodes, side, sense, centre and area."""
         return cls(*facets, sp.csr_array((N_RESULTANT, 0)), {}, np.zeros(N_RESULTANT))
 
-    def rows(self, opened: OpenedMesh, matrix: sp.csr_array, directions: Array) -> tuple[sp.csr_array, dict[str, Array]]:
+    def rows(
+        self, opened: OpenedMesh, matrix: sp.csr_array, directions: Array
+    ) -> tuple[sp.csr_array, dict[str, Array]]:
         """G and the jumps of a stiffness (3 n_opened, 3 n_opened) of the elements at the side."""
         places, owners = opened.mesh.nodes, opened.owners
         here = np.isin(owners, self.nodes)
@@ -441,8 +443,8 @@ class OpenedMesh:
 
     @cached_property
     def together(self) -> sp.csr_array:
-        """(3 of all nodes and those beyond the cuts, 3 n_node) from vectors at the nodes to those of the opened mesh, no
-        jump."""
+        """(3 of all nodes and those beyond the cuts, 3 n_node) from vectors at the nodes to those of the opened mesh,
+        no jump."""
         n, m = len(self.owners) - len(self._twins), len(self.owners)
         merging = sp.csr_array((np.ones(m), (np.arange(m), self.owners)), shape=(m, n))
         return sp.csr_array(sp.kron(merging, sp.eye_array(3)))

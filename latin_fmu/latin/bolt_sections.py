@@ -23,8 +23,8 @@ class ShankSections:
     ----------
     names : (n,) "head", "parting" (with numbers where there are several), "cut", "thread". rows : (n,) row of each
         among those that are recorded; sections on the same facets share one.
-    centres : (n, 3) m. areas : (n,) of the mesh across the axis, m2. directions : (3, 3) unit vectors: the axis, and two
-        across it. missing : what was not found, a sentence each.
+    centres : (n, 3) m. areas : (n,) of the mesh across the axis, m2. directions : (3, 3) unit vectors: the axis, and
+        two across it. missing : what was not found, a sentence each.
     """
 
     names: tuple[str, ...]
@@ -56,26 +56,26 @@ class ClampedFace:
 
 @dataclass(frozen=True)
 class ScrewData:
-    """What margins of a screw take, of the whole screw, lengths in mm, areas in mm2, stresses in MPa.
+    """What margins of a screw take, of the whole screw.
 
     Attributes
     ----------
-    diameter, pitch, flank, stressed : d, P, d_2 and the diameter d_S of the stress area. yield_stress : R_p0.2 of its
-        class, else of its material; None where neither is known. property_class : its name.
-    thread_friction : mu_G; None where the screw is not tightened by a torque. rolled : "before" or "after" heat
-        treatment. permissible_pressure : p_G of the clamped part under head and nut; None where it is not given.
-    head, nut : area of their bearing surfaces; None where there is none. clamp_length : l_K; None where an end was not
-        found.
+    pitch, flank, stressed : P, d_2 and the diameter d_S of the stress area, m. yield_stress : R_p0.2 of its class, else
+        of its material, Pa; None where neither is known. property_class : its name.
+    endurance : sigma_ASV, Pa. rolled : "before" or "after" heat treatment. thread_friction : mu_G; None where the screw
+        is not tightened by a torque. permissible_pressure : p_G of the clamped part under head and nut, Pa; None where
+        it is not given. head, nut : area of their bearing surfaces, m2; None where there is none. clamp_length : l_K,
+        m; None where an end was not found.
     """
 
-    diameter: float
     pitch: float
     flank: float
     stressed: float
     yield_stress: float | None
     property_class: str | None
-    thread_friction: float | None
+    endurance: float
     rolled: str
+    thread_friction: float | None
     permissible_pressure: float | None
     head: float | None
     nut: float | None

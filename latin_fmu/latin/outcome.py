@@ -285,9 +285,9 @@ class BoltHistory:
     plastic_elongation : (n_time,) of the shank, m; None where it may not yield.
     thread, thread_area : metric thread, and its tensile stress area, m2; None where the scene names none.
     share : of the whole screw that is modelled; tensions are those of this part.
-    sections : of the shank. section_force, section_moment : (n_time, n_section, 3) what the part beyond a section, along
-        the axis, exerts on the one before it: axial and two shear forces, N, torsion and two bending moments about the
-        centre of the section, N m, along ``sections.directions``.
+    sections : of the shank. section_force, section_moment : (n_time, n_section, 3) what the part beyond a section,
+        along the axis, exerts on the one before it: axial and two shear forces, N, torsion and two bending moments
+        about the centre of the section, N m, along ``sections.directions``.
     clamped : interfaces of the parts around the shank. screw : what margins take; None where the thread has no size.
     """
 

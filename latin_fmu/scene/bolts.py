@@ -202,7 +202,7 @@ class Bolt(SceneTable):
     thread_friction: Annotated[
         Real | None,
         about(
-            "friction coefficient mu_G of the thread: with `torque` it gives the force, in the place of the nut factor, "
+            "friction coefficient mu_G of the thread: with `torque` it gives the force, in place of the nut factor, "
             "and the torsion of assembly; with `force` the torsion of a screw that is tightened by turning",
             "1",
             gt=0,
@@ -221,8 +221,7 @@ class Bolt(SceneTable):
         ),
     ] = None
     nut_bearing: Annotated[
-        Diameters | None,
-        about("the same of the nut; default: the area of its seat in the mesh", "m"),
+        Diameters | None, about("the same of the nut; default: the area of its seat in the mesh", "m")
     ] = None
     permissible_pressure: Annotated[
         Real | None,
@@ -263,8 +262,8 @@ class Bolt(SceneTable):
         return _BEARING * (self.diameter or 0.0)
 
     def friction_of_thread(self) -> float | None:
-        """mu_G of the thread of a screw that is tightened by turning: as given, else what its nut factor means where the
-        thread and the head have the same; None where no torque is known."""
+        """mu_G of the thread of a screw that is tightened by turning: as given, else what its nut factor means where
+        thread and head have the same; None where no torque is known."""
         thread = self.named_thread
         if self.thread_friction is not None or self.torque is None or thread is None or self.diameter is None:
             return self.thread_friction
