@@ -142,6 +142,14 @@ class _Shank:
         return {HEAD: high, THREAD: low}
 
     @property
+    def downwards(self) -> bool:
+        """Whether the axis points from the thread to the head."""
+        head, thread = self.ends.get(HEAD), self.ends.get(THREAD)
+        if head is not None:
+            return head.height > self.middle
+        return thread is not None and f"{THREAD}_2" not in self.ends and thread.height < self.middle
+
+    @property
     def length(self) -> float | None:
         """Free length between the two ends, m; None where one is open."""
         if self.low is None or self.high is None:
@@ -175,8 +183,7 @@ class _Shank:
                 faces[-1][1].append(ring)
             else:
                 faces.append((height, [ring]))
-        head = self.ends.get(HEAD)
-        if head is not None and head.height > self.middle:
+        if self.downwards:
             faces.reverse()
         return faces
 
@@ -296,10 +303,8 @@ def _named(shank: _Shank, faces: Faces) -> tuple[list[ShankSection], ShankSectio
             sections.append(found)
         places.append((height, name, same[0]))
     # from the head to the thread
-    ends = shank.ends
-    downwards = HEAD in ends and ends[HEAD].height > shank.middle
     ranks = {HEAD: -1, THREAD: 1}
-    places.sort(key=lambda place: (-place[0] if downwards else place[0], ranks.get(place[1], 0)))
+    places.sort(key=lambda place: (-place[0] if shank.downwards else place[0], ranks.get(place[1], 0)))
     rows = np.array([row for *_, row in places])
     named = ShankSections(
         tuple(name for _, name, _ in places),
