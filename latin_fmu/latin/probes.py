@@ -193,7 +193,7 @@ class BoltPlace:
         return 0.0
 
     def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
-        """The pattern."""
+        """The pattern of all sections."""
         return self.pattern
 
     def read(self, values: Array, of: Reading, /) -> Array:

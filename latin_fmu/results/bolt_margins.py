@@ -58,7 +58,7 @@ class BoltMargin:
         return CHECKS[self.check][0]
 
     def report(self) -> dict[str, float | str | None]:
-        """Plain data."""
+        """The check as plain data, for JSON."""
         numbers = {name: finite(getattr(self, name)) for name in ("value", "limit", "safety")}
         return {"clause": self.clause, **numbers, "note": self.note}
 

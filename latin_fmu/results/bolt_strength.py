@@ -20,7 +20,7 @@ _LIMITS: Final = 0.3, 1.0  # of F_Sm / F_0.2min, between which sigma_ASG holds
 
 
 def stress_area(screw: ScrewData) -> float:
-    """A_S, m2."""
+    """Stress area A_S of a thread, m2."""
     return 0.25 * math.pi * screw.stressed**2
 
 

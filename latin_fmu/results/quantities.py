@@ -321,8 +321,8 @@ SECTIONS: Final = rows(
 SECTION_PLACES: Final = _places("section_", "section", "the centre of the section, reference configuration", "centres")
 SECTION_STRESSES: Final = rows(
     """
-    nominal_stress | Pa | time section | axial force over the section | over the tensile stress area of the thread, where \
-        there is one, else over that of the mesh
+    nominal_stress | Pa | time section | axial force over the section | over the tensile stress area of the thread, \
+        where there is one, else over that of the mesh
     bending_stress | Pa | time section | bending stress at the edge of the section | of a circle of the same area
     edge_stress | Pa | time section | largest axial stress at the edge of the section | nominal and bending
     """,

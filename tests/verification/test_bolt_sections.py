@@ -1,4 +1,4 @@
-"""Forces and moments on the sections of shanks: statics of a cantilever, balance of a flange, one answer of all marches."""
+"""Forces and moments on sections of shanks: statics of a cantilever, balance of a flange, one answer of all marches."""
 
 from __future__ import annotations
 
