@@ -244,7 +244,11 @@ class BoltCut:
         table = self.table
         if table.torque is None:
             return ""
-        return f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
+        turned = f" of {table.torque:.6g} {units['N m']}"
+        if table.thread_friction is None:
+            return f"{turned}, nut factor {table.nut_factor or NUT_FACTOR:g}"
+        head = table.head_friction or table.thread_friction
+        return f"{turned}, friction {table.thread_friction:g} of the thread and {head:g} under the head"
 
     def clamp(self, nodes: Array, shortening: float) -> Clamp:
         """Where the bolt clamps; ``nodes`` (n, 3) of its body, m."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..latin.bolt_sections import THREAD, ClampedFace, ScrewData
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory
-from .bolt_strength import endurance, permissible_preload, service_stress, stress_area, thread_torque
+from .bolt_strength import UTILISATION, assembly_torsion, endurance, permissible_preload, service_stress, stress_area
 from .groups import finite
 
 CHECKS: Final[Mapping[str, tuple[str, str]]] = {
@@ -153,9 +153,7 @@ def _strength(bolt: BoltHistory, screw: ScrewData, missing: list[str]) -> Iterat
     largest = float(bolt.force.max()) / bolt.share
     if bolt.section_force is not None and bolt.section_force.size:
         largest = max(largest, float(bolt.section_force[..., 0].max()) / bolt.share)
-    torsion, friction = 0.0, screw.thread_friction
-    if friction is not None:
-        torsion = thread_torque(screw, tight, friction)
+    torsion, friction = assembly_torsion(bolt) or 0.0, screw.thread_friction
     if screw.yield_stress is None:
         missing.append("no margin of yield: give property_class, or the yield_stress of the material")
     else:
@@ -163,7 +161,7 @@ def _strength(bolt: BoltHistory, screw: ScrewData, missing: list[str]) -> Iterat
         turned = "without torsion, no torque is known" if friction is None else f"thread friction {friction:.3g}"
         allowed = permissible_preload(screw, limit, friction or 0.0)
         if friction is None:
-            allowed = 0.9 * limit * area
+            allowed = UTILISATION * limit * area
         yield BoltMargin("assembly_yield", tight, allowed, allowed / tight if tight > 0.0 else math.inf, turned)
         stress = service_stress(screw, largest, torsion)
         yield BoltMargin("service_yield", stress, limit, limit / stress, "half the torsion of assembly")

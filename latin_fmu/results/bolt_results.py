@@ -167,4 +167,5 @@ def _strength_report(bolt: BoltHistory, outcome: Outcome) -> dict[str, Any]:
     """``sections``, ``margins`` by check with clause, value, limit, safety and note, and what was ``not_found``."""
     of = BoltMargins.of(bolt, outcome.interfaces)
     margins = {check: margin.report() for check, margin in of.margins.items()}
-    return {"sections": section_report(bolt), "margins": margins, "not_found": _not_told(bolt, of)}
+    numbers = {key: finite(BOLT[key].of(bolt)) for key in ("clamp_length", "assembly_torsion")}
+    return numbers | {"sections": section_report(bolt), "margins": margins, "not_found": _not_told(bolt, of)}

@@ -10,6 +10,7 @@ import math
 from typing import Final
 
 from ..latin.bolt_sections import ScrewData
+from ..latin.outcome import BoltHistory
 
 UTILISATION: Final = 0.9
 """nu : share of the yield stress that assembly may take (R7/1)."""
@@ -27,6 +28,15 @@ def stress_area(screw: ScrewData) -> float:
 def thread_torque(screw: ScrewData, force: float, friction: float) -> float:
     """Moment M_G in the thread, N m, under a preload, N: F d_2 / 2 (P / (pi d_2) + 1.155 mu_G) (R8/3)."""
     return 0.5 * force * screw.flank * (screw.pitch / (math.pi * screw.flank) + _FLANKS * friction)
+
+
+def assembly_torsion(bolt: BoltHistory) -> float | None:
+    """M_G, N m, of the whole screw under the largest tension while bolts were tightened; None where no torque is
+    known."""
+    screw = bolt.screw
+    if screw is None or screw.thread_friction is None:
+        return None
+    return thread_torque(screw, max(bolt.tightening, default=0.0) / bolt.share, screw.thread_friction)
 
 
 def permissible_preload(

@@ -16,6 +16,8 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from .bolt_strength import assembly_torsion
+
 
 @dataclass(frozen=True)
 class StoredQuantity:
@@ -296,6 +298,9 @@ BOLT: Final = rows(
     plastic_elongation | m | time | plastic elongation of the shank since the bolts were tightened
     shortening       | m  |      | shortening of the shank, counted from before the bolts were tightened
     section_area     | m2 |      | section of the shank across its axis
+    clamp_length     | m  |      | clamp length l_K
+    assembly_torsion | N m |     | torsion of assembly M_G | by the friction of the thread under the largest tension \
+        while bolts were tightened
     section_force    | N   | time section direction | forces in the shank at its sections: axial, two shear forces | \
         what the part beyond the section, along the axis, exerts on the one before it
     section_moment   | N m | time section direction | moments in the shank about the centres of its sections: torsion, \
@@ -306,6 +311,8 @@ BOLT: Final = rows(
         "mean_stress": lambda bolt: bolt.force / bolt.area,
         "thread_stress": lambda bolt: None if bolt.thread_area is None else bolt.force / bolt.stress_area,
         "section_area": attrgetter("area"),
+        "clamp_length": lambda bolt: None if bolt.screw is None else bolt.screw.clamp_length,
+        "assembly_torsion": assembly_torsion,
         "tightening_force": lambda bolt: np.array(bolt.tightening),
     },
 )

@@ -129,11 +129,12 @@ class Bolt(SceneTable):
     """A bolt that is tightened before t = 0, to a force, by a torque or a shortening; then the shortening is kept.
 
     A torque T gives the force T / (K d) with the nut factor K and the nominal diameter d (Bickford, Introduction to the
-    Design and Behavior of Bolted Joints, section 7.1.1). The shank is cut by a plane across the axis. Where the cut is
-    in the shank does not matter. Its stress is its tension over the tensile stress area of `thread` (ISO 898-1), which
-    property classes are about; over the meshed section of the cut where no thread is named (a waisted shank). Of a bolt
-    that planes of symmetry cut along its axis, `force` is that of the modelled part; torque, thread and yield force are
-    those of the whole screw. With `parts` one table stands for many screws, which are named table_part.
+    Design and Behavior of Bolted Joints, section 7.1.1), or with coefficients of friction that of VDI 2230-1 (R13/1).
+    The shank is cut by a plane across the axis. Where the cut is in the shank does not matter. Its stress is its
+    tension over the tensile stress area of `thread` (ISO 898-1), which property classes are about; over the meshed
+    section of the cut where no thread is named (a waisted shank). Of a bolt that planes of symmetry cut along its axis,
+    `force` is that of the modelled part; torque, thread and yield force are those of the whole screw. With `parts` one
+    table stands for many screws, which are named table_part.
     """
 
     substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")] = ""
