@@ -455,8 +455,8 @@ def test_torque_gives_a_force(files: dict[str, Path], factor: float | None) -> N
 
 
 def test_torque_and_frictions_give_a_force_and_a_torsion(files: dict[str, Path]) -> None:
-    """R13/1 of VDI 2230-1, by hand: M8 with friction 0.12 and bearing from 9 to 11.63 mm; M_G = F (0.16 P + 0.58 d_2 mu);
-    the clamp length is that between the seats."""
+    """R13/1 of VDI 2230-1, by hand: M8 with friction 0.12 and a bearing surface from 9 to 11.63 mm; M_G is
+    F (0.16 P + 0.58 d_2 mu); the clamp length is that between the seats."""
     data = joint(files)
     screw = {
         "torque": 6.0,
