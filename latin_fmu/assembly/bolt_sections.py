@@ -26,13 +26,14 @@ from ..latin.bolt_sections import CUT, HEAD, PARTING, THREAD, ClampedFace, Screw
 from ..results.bolt_strength import endurance_limit
 from ..scene.fields import split_face
 from ..scene.threads import class_minimum
-from .body import Body
+from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, ShankSection
 from .shank_facets import SAME, ShankFacets, across, chosen_elements
 
 _NEAR: Final = 3.0  # radii of the shank around its axis within which points hold it, or surround it
 _ACROSS: Final = 0.5  # cosine between a normal and the axis from which on a face lies across it
-_INSIDE: Final = 0.25  # of the distance of elements along the axis: from an end of the free shank to its section
+_INSIDE: Final = 0.25, 0.5, 1.0, 2.0, 3.0
+"""Of the distance of elements along the axis: from an end of the free shank to its section, the first that is free."""
 _LEVEL: Final = 0.02  # of the free length: heights of one face
 _AROUND: Final = 0.6  # of the angle around the shank that is modelled: a face with less on one side lies beside it
 _NUT: Final = 3.5  # radii of the shank: a part within them around a thread is its nut
@@ -98,9 +99,22 @@ class _Shank:
         self.middle = float(cut.point @ cut.axis)
         rings = [Ring.of(unit, cut, _NEAR * self.radius) for unit in units if not unit.attached]
         self.rings = [ring for ring in rings if ring.near.any()]
+        self.taken = self._taken(units, fixed)
         holds = [*self._holds(), *self._held(fixed)]
         self.low = max((h for h in holds if h.height < self.middle), key=lambda h: (h.height, h.rank), default=None)
         self.high = min((h for h in holds if h.height > self.middle), key=lambda h: (h.height, -h.rank), default=None)
+
+    def _taken(self, units: Sequence[InterfaceUnit], fixed: np.ndarray) -> np.ndarray:
+        """(n_node,) nodes that bonds, faces across the axis or boundaries hold."""
+        taken = fixed.copy()
+        for i, side, name in body_sides(units):
+            trace = units[i].geometry.traces[side]
+            if name != self.body.name or trace is None:
+                continue
+            lying = np.abs(units[i].geometry.frames[:, 0] @ self.cut.axis) >= _ACROSS
+            rows = np.repeat(lying | (not units[i].behaviour.opens), 3)
+            taken[np.unique(trace[np.flatnonzero(rows)].indices) // 3] = True
+        return taken
 
     def _holds(self) -> Iterator[_Hold]:
         """Seats and bonds of the body, on both sides of the cut."""
@@ -205,6 +219,23 @@ class _Shank:
         return area or None
 
     # -- sections ---------------------------------------------------------------------------------------------------
+    def end_section(self, height: float) -> ShankSection | str:
+        """The section next to an end of the free shank: the first one with nothing between it and the cut that holds
+        the shank, else the last one; why there is none, in words."""
+        found: ShankSection | str = ""
+        for inside in _INSIDE:
+            found = self.section(height, inside)
+            if isinstance(found, str) or not self._holds_inside(found):
+                break
+        return found
+
+    def _holds_inside(self, section: ShankSection) -> bool:
+        """Whether nodes of the elements at the side of the cut, but for those of the section, hold the shank."""
+        others = self.taken.copy()
+        others[section.nodes] = False
+        cells = np.split(section.side, np.cumsum([len(b.cells) for b in self.body.mesh.blocks])[:-1])
+        return any(others[b.cells[c]].any() for b, c in zip(self.body.mesh.blocks, cells, strict=True))
+
     def section(self, height: float, inside: float = 0.0) -> ShankSection | str:
         """The section at a height, ``inside`` of the free shank by this part of the distance of its elements; why there
         is none, in words."""
@@ -285,14 +316,14 @@ def _nearest(unit: InterfaceUnit, name: str, names: Sequence[str], cuts: Mapping
 
 def _named(shank: _Shank, faces: Faces) -> tuple[list[ShankSection], ShankSections]:
     """Sections of a shank, each once and that of the cut first, and their names."""
-    wanted = [(name, hold.height, _INSIDE) for name, hold in shank.ends.items()]
+    wanted = [(name, hold.height, True) for name, hold in shank.ends.items()]
     numbers = [""] if len(faces) == 1 else [f"_{i}" for i in range(1, len(faces) + 1)]
-    wanted += [(PARTING + number, height, 0.0) for number, (height, _) in zip(numbers, faces, strict=True)]
+    wanted += [(PARTING + number, height, False) for number, (height, _) in zip(numbers, faces, strict=True)]
     cut = shank.at_cut()
     sections, places = [cut], [(shank.middle, CUT, 0)]
     missing = [f"no {end}: nothing holds this end of the shank" for end in _open_ends(shank)]
-    for name, height, inside in wanted:
-        found = shank.section(height, inside)
+    for name, height, end in wanted:
+        found = shank.end_section(height) if end else shank.section(height)
         if isinstance(found, str):
             at = round(height, 9) + 0.0
             missing.append(f"no section {name} at {at:.4g} {shank.body.units['m']} along the axis: {found}")
