@@ -15,7 +15,10 @@ from latin_fmu.latin.outcome import BoltHistory
 from latin_fmu.results.solution import Solution
 
 from .bolted_meshes import write_joint
+from .screw_meshes import Part, Profile, write
 from .test_bolts import E, bar, joint
+from .test_threads import _flat
+from .test_threads import scene as tapped_screw
 
 Array = np.ndarray
 LENGTH, WIDTH = 0.05, 0.01
@@ -212,3 +215,32 @@ def test_a_section_that_is_not_there_is_told() -> None:
     assert bolt.sections.names == ("head", "cut", "thread")
     np.testing.assert_allclose(bolt.section_force[-1, :, 0], bolt.force[-1], rtol=1e-9)  # type: ignore[index]
     np.testing.assert_allclose(bolt.force[-1], E * WIDTH**2 * 1e-6 / LENGTH, rtol=0.2)
+
+
+@pytest.mark.slow
+def test_on_tetrahedra_the_thread_begins_beyond_its_section(tmp_path: Path) -> None:
+    """Stepped sections: no node of the bond lies between the section ``thread`` and the cut, but on the section; the
+    joint, at the mouth of the hole, has one of its own."""
+    tapped: Profile = ((0, -12), (2.5, -12), (2.5, 0.01), (0, 0.01))
+    clear: Profile = ((0, -0.01), (2.8, -0.01), (2.8, 6.01), (0, 6.01))
+    screw: Profile = ((0, -8), (2.5, -8), (2.5, 6), (4.25, 6), (4.25, 10), (0, 10))
+    parts = {
+        "screw": Part(screw),
+        "base": Part(tapped, ((-10, -10, -14), (20, 20, 14)), {"bottom": _flat(-14.0)}),
+        "plate": Part(clear, ((-10, -10, 0), (20, 20, 6)), {"top": _flat(6.0)}),
+    }
+    file = write(tmp_path / "parts.msh", parts, 4.0, order=1)
+    ready = discretise(scene_from_dict(tapped_screw(file, {"size": "M5", "part": "base"})))
+    cut, mesh = ready.cuts["m5"], ready.bodies["screw"].mesh
+    assert cut.named is not None
+    assert cut.named.names == ("head", "cut", "parting", "thread")
+    assert [face.interface for face in cut.clamped] == ["base_plate"]
+    section = cut.sections[cut.named.rows[cut.named.names.index("thread")]]
+    bond = next(unit for unit in ready.units if not unit.behaviour.opens)
+    side = [face.split(".")[0] for face in bond.sides].index("screw")
+    trace = bond.geometry.traces[side]
+    assert trace is not None
+    held = np.unique(trace.indices) // 3
+    near = np.unique(mesh.blocks[0].cells[section.side])
+    assert np.isin(held, section.nodes).any()
+    assert not np.isin(held, np.setdiff1d(near, section.nodes)).any()
