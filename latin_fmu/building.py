@@ -11,7 +11,8 @@ import numpy as np
 
 from .assembly.attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .assembly.body import Body, build_bodies
-from .assembly.bolts import BoltCut, cuts_of, section_remarks
+from .assembly.bolt_cuts import cuts_of
+from .assembly.bolts import BoltCut, section_remarks
 from .assembly.conditions import Conditions, conditions_on
 from .assembly.driven_starts import check_driven_starts
 from .assembly.inactive_substructures import arrival_times, cut_by_arrival, marched_share

@@ -318,12 +318,14 @@ class Printed:
     Attributes
     ----------
     time : instants printed, s. displacement : (n_time, n_node, 3) by number of the node from 1, m, or None.
-    force : total force on the slave surface (n_time, 3), N, by (slave, master).
+    force : total force on the slave surface (n_time, 3), N, by (slave, master). held : forces on the nodes that print
+        them (n_time, n_node, 3), by number from 1, N, or None.
     """
 
     time: Array
     displacement: Array | None
     force: dict[tuple[str, str], Array]
+    held: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -374,6 +376,7 @@ def _steps(path: Path) -> list[int]:
 def read(text: str) -> Printed:
     """Contents of a .dat file."""
     moved: dict[float, Array] = {}
+    held: dict[float, Array] = {}
     forces: dict[tuple[str, str], dict[float, Array]] = {}
     for title, body in _blocks(text):
         found = _TIME.search(title)
@@ -381,19 +384,21 @@ def read(text: str) -> Printed:
             continue
         time = float(found.group(1))
         pair = _PAIR.search(title)
-        if title.lstrip().startswith("displacements"):
+        kind = title.split()[0]
+        if kind in ("displacements", "forces"):
             rows = np.array([_numbers(line) for line in body])
             field = np.zeros((int(rows[:, 0].max()), 3))
             field[rows[:, 0].astype(int) - 1] = rows[:, 1:]
-            moved[time] = field
+            (moved if kind == "displacements" else held)[time] = field
         elif pair is not None:
             numbers = next(line for line in body if not line.lstrip().startswith("total"))
             forces.setdefault((pair[1], pair[2]), {})[time] = np.array([float(x) for x in numbers.split()[:3]])
-    times = sorted(moved or next(iter(forces.values()), {}))
+    times = sorted(moved or held or next(iter(forces.values()), {}))
     return Printed(
         np.array(times),
         np.stack([moved[t] for t in times]) if moved else None,
         {pair: np.stack([found[t] for t in times]) for pair, found in forces.items()},
+        np.stack([held[t] for t in times]) if held else None,
     )
 
 

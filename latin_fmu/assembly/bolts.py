@@ -14,39 +14,41 @@ While a bolt is tightened F is given and delta is not. Eliminated,
 
     (K - g g^T / k) u = f + F g / k,      delta = (F + g . u) / k.
 
-A change of temperature T strains a free body by alpha T, so that u is u - alpha x T in F. A shank that yields has a
-plastic elongation q, and the shortening delta - q (``yielding_bolts``).
+The stresses on any section of the shank have a resultant, three forces along the axis and across it and three moments
+about them through the centre of the section. With the stiffness K' of the elements on one side of the section and the
+six motions P of a rigid plane at its nodes, a x (x - c) for a moment along a,
 
-The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
-both sides of it that is nearest to the point of the bolt. Without a point the plane is in the middle of the longest
-stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis; if
-there is one, between such nodes: the tip of a screw below its thread has no tension.
+    r = sum delta G chi a - G u,      G = P^T K',
+
+of the elements beyond the section; those before it have the opposite forces. It is in equilibrium with all that acts on
+that side to the last digit. The first row at the cut is g.
+
+A change of temperature T strains a free body by alpha T, so that u is u - alpha x T in F. A shank that yields has a
+plastic elongation q, and the shortening delta - q (``yielding_bolts``). Where the cut is: ``bolt_cuts``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
-from ..errors import Problems, listed, shown
+from ..errors import Problems
 from ..fem.elasticity import Elasticity
-from ..fem.elements import Elements, MeanStress, Recovery, stiffness
-from ..fem.faces import face_of
-from ..fem.mesh import Array, FacetSet, Index, Mesh
-from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER, Rule
-from ..latin.assembly import InterfaceUnit
+from ..fem.elements import Elements, MeanStress, Recovery
+from ..fem.mesh import Array, Index, Mesh
+from ..fem.reference_cells import Rule
+from ..interface.geometry import local_frames
+from ..latin.bolt_sections import ClampedFace, ScrewData, ShankSections
 from ..propagator import LoadTerm
 from ..scene.bolts import LARGEST_STRESS, NUT_FACTOR, Bolt
-from ..scene.schema import Scene
 from ..scene.units import UnitSystem
-from .body import Body, Shape, body_sides
-from .bolt_shares import fraction, share_of
-from .conditions import Conditions
+from .body import Body, Shape
+from .bolt_shares import fraction
 
 FITTING: Final = 0.75, 1.2
 """Diameter of the meshed shank over the nominal one, from core to nominal, with some play for sections not round."""
@@ -54,7 +56,59 @@ WAISTED: Final = 0.5
 """The same of a shank whose thread has no size, from."""
 SECTION: Final = 0.85, 1.4
 """Meshed section over the stress area of the thread, of the modelled part, from and up to which the two agree."""
+_CANCELLED: Final = 1e-14  # of the largest of a row: round-off
 _CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
+
+
+N_RESULTANT: Final = 6
+"""Rows of a section: axial and two shear forces, torsion and two bending moments."""
+
+
+@dataclass(frozen=True)
+class ShankSection:
+    """A section of a shank, with the resultant of the stresses on it (module docstring).
+
+    Attributes
+    ----------
+    nodes : of the section. side : (n_cell,) elements that K' is of, on the side of the cut. sense : 1 where they come
+        before the section along the axis, -1 where they lie beyond it. centre : (3,) m. area : across the axis, m2.
+    pattern : (6, n_full) G, N m-1 and N. jumps : (6,) resultants per shortening of each bolt of the body, by name.
+    heated : (6,) resultants per change of temperature where u = 0.
+    """
+
+    nodes: Index
+    side: np.ndarray
+    sense: float
+    centre: Array
+    area: float
+    pattern: sp.csr_array
+    jumps: Mapping[str, Array]
+    heated: Array
+
+    @classmethod
+    def of(cls, facets: tuple[Index, np.ndarray, float, Array, float]) -> ShankSection:
+        """A section without rows: nodes, side, sense, centre and area."""
+        return cls(*facets, sp.csr_array((N_RESULTANT, 0)), {}, np.zeros(N_RESULTANT))
+
+    def rows(
+        self, opened: OpenedMesh, matrix: sp.csr_array, directions: Array
+    ) -> tuple[sp.csr_array, dict[str, Array]]:
+        """G and the jumps of a stiffness (3 n_opened, 3 n_opened) of the elements at the side."""
+        places, owners = opened.mesh.nodes, opened.owners
+        here = np.isin(owners, self.nodes)
+        motion = np.zeros((len(places), 3, N_RESULTANT))
+        motion[here, :, :3] = directions.T
+        motion[here, :, 3:] = np.cross(directions, (places[here] - self.centre)[:, None]).transpose(0, 2, 1)
+        pulled = -self.sense * np.asarray(matrix @ motion.reshape(-1, N_RESULTANT))
+        pattern = np.asarray(opened.together.T @ pulled).T
+        # forces that cancel, but for round-off
+        pattern[np.abs(pattern) <= _CANCELLED * np.abs(pattern).max(axis=1, keepdims=True)] = 0.0
+        return sp.csr_array(pattern), {name: jump.ravel() @ pulled for name, jump in opened.jumps()}
+
+    def stressed(self, pattern: sp.csr_array, jumps: Mapping[str, Array]) -> ShankSection:
+        """The section of a shank whose stress adds this to its rows."""
+        summed = {name: own + jumps[name] for name, own in self.jumps.items()}
+        return replace(self, pattern=sp.csr_array(self.pattern + pattern), jumps=summed)
 
 
 @dataclass(frozen=True)
@@ -71,6 +125,8 @@ class BoltCut:
     thread_area : tensile stress area of the whole thread, m2; None where the bolt names none.
     share : of the whole screw that is modelled. note : what ``check`` says of its thread.
     scaled : whether the modulus of the free shank is scaled to the core of its thread.
+    sections : of the shank, each once, that of the cut first. named : their names and places. clamped : interfaces of
+        the parts around the shank. screw : what margins take; None where the thread has no size.
     """
 
     name: str
@@ -89,11 +145,20 @@ class BoltCut:
     share: float = 1.0
     note: str = ""
     scaled: bool = False
+    sections: tuple[ShankSection, ...] = ()
+    named: ShankSections | None = None
+    clamped: tuple[ClampedFace, ...] = ()
+    screw: ScrewData | None = None
 
     @property
     def tension(self) -> float | None:
         """Force that the modelled part is tightened to, N; None where the shortening is given."""
         return self.table.tension(self.share)
+
+    @property
+    def directions(self) -> Array:
+        """(3, 3) unit vectors: the axis, and two across it that follow the global axes where it does."""
+        return np.asarray(local_frames(self.axis[None])[0])
 
     @property
     def load(self) -> str:
@@ -108,9 +173,27 @@ class BoltCut:
             return self.area
         return self.share * self.thread_area
 
-    def stressed(self, pattern: Array, stiffness: float) -> BoltCut:
-        """The cut of a shank whose stress adds (n_full,) to g and a number, N m-1, to k."""
-        return replace(self, pattern=self.pattern + pattern, stiffness=self.stiffness + stiffness)
+    def stressed(self, by: CutStress) -> BoltCut:
+        """The cut of a shank with its stress."""
+        sections = tuple(s.stressed(*rows) for s, rows in zip(self.sections, by.sections, strict=True))
+        pattern, stiffness = self.pattern + by.pattern, self.stiffness + by.stiffness
+        return replace(self, pattern=pattern, stiffness=stiffness, sections=sections)
+
+    @cached_property
+    def rows(self) -> sp.csr_array:
+        """G of all sections one below the other, (6 n_section, n_full); the first row is g."""
+        first, *others = (section.pattern for section in self.sections)
+        return sp.csr_array(sp.vstack([sp.csr_array(self.pattern[None]), first[1:], *others]))
+
+    def terms(self, changes: Mapping[str, float]) -> dict[str, Array]:
+        """Resultants (6 n_section,) where u = 0 by load terms of amplitude 1: of bolts, per shortening, and of
+        ``changes`` of temperature, K, by load term."""
+        names = {name: None for section in self.sections for name in section.jumps}
+        terms = {load_name(name): np.concatenate([s.jumps[name] for s in self.sections]) for name in names}
+        terms[self.load][0] = self.stiffness
+        heated = np.concatenate([section.heated for section in self.sections])
+        heated[0] = self.heated
+        return terms | {load: change * heated for load, change in changes.items()}
 
     def loads(self) -> LoadTerm:
         """Load term of the bolt: amplitude delta, F while it is loose."""
@@ -162,7 +245,11 @@ class BoltCut:
         table = self.table
         if table.torque is None:
             return ""
-        return f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
+        turned = f" of {table.torque:.6g} {units['N m']}"
+        if table.thread_friction is None:
+            return f"{turned}, nut factor {table.nut_factor or NUT_FACTOR:g}"
+        head = table.head_friction or table.thread_friction
+        return f"{turned}, friction {table.thread_friction:g} of the thread and {head:g} under the head"
 
     def clamp(self, nodes: Array, shortening: float) -> Clamp:
         """Where the bolt clamps; ``nodes`` (n, 3) of its body, m."""
@@ -188,6 +275,16 @@ class BoltCut:
     def shortening(self, force: float, displacement: Array) -> float:
         """delta, m, under a tension, N."""
         return float((force + self.pattern @ displacement) / self.stiffness)
+
+
+@dataclass(frozen=True)
+class CutStress:
+    """What the stress of a body adds to the cut of a bolt: (n_full,) to g, a number to k, N m-1, and to the rows and
+    jumps of each section."""
+
+    pattern: Array
+    stiffness: float
+    sections: tuple[tuple[sp.csr_array, Mapping[str, Array]], ...]
 
 
 @dataclass(frozen=True)
@@ -318,12 +415,13 @@ class OpenedMesh:
     """
 
     def __init__(self, mesh: Mesh, cuts: Iterable[BoltCut], shortening: Mapping[str, float]) -> None:
+        self.cuts = tuple(cuts)
         blocks = [block.cells.copy() for block in mesh.blocks]
         added = []
         shifts = []
         n = mesh.n_node
         self._jumps: dict[str, tuple[slice, Array]] = {}
-        for cut in cuts:
+        for cut in self.cuts:
             copies = np.arange(mesh.n_node)
             copies[cut.nodes] = n + np.arange(len(cut.nodes))
             first = 0
@@ -343,12 +441,18 @@ class OpenedMesh:
         pairs = zip(mesh.blocks, blocks, strict=True)
         self.mesh = Mesh(nodes, tuple(replace(block, cells=cells) for block, cells in pairs), {})
 
-    @property
-    def merging(self) -> sp.csr_array:
-        """(n_node and nodes beyond the cuts, n_node) from values at the nodes to those of the opened mesh, no jump."""
-        n = len(self.mesh.nodes) - len(self._twins)
-        owners = np.concatenate([np.arange(n), self._twins])
-        return sp.csr_array((np.ones(len(owners)), (np.arange(len(owners)), owners)), shape=(len(owners), n))
+    @cached_property
+    def owners(self) -> Index:
+        """(n_node and nodes beyond the cuts,) node that each stands for."""
+        return np.concatenate([np.arange(len(self.mesh.nodes) - len(self._twins)), self._twins])
+
+    @cached_property
+    def together(self) -> sp.csr_array:
+        """(3 of all nodes and those beyond the cuts, 3 n_node) from vectors at the nodes to those of the opened mesh,
+        no jump."""
+        n, m = len(self.owners) - len(self._twins), len(self.owners)
+        merging = sp.csr_array((np.ones(m), (np.arange(m), self.owners)), shape=(m, n))
+        return sp.csr_array(sp.kron(merging, sp.eye_array(3)))
 
     def jumps(self) -> Iterator[tuple[str, Array]]:
         """Motion (n_node and nodes beyond the cuts, 3) of the nodes beyond each cut by 1 along its axis, by bolt."""
@@ -409,362 +513,4 @@ class _OpenedRecovery(Recovery):
     def nodal_forces(self, displacement: Array, unstrained: Array | None = None) -> Array:
         """Forces (n_node, 3), N, that hold the body; on the cuts those of both sides together."""
         forces = super().nodal_forces(self._opened.displacement(displacement), unstrained)
-        return np.asarray(self._opened.merging.T @ forces)
-
-
-_WIDEST: Final = 9  # nodes of a facet
-_SAME = 1e-9  # of the length of the body: levels that are equal
-_ALONG = 1e-6  # share of the axis along which a held direction counts
-_MOST_SAID: Final = 6  # interfaces in a message
-_THIN = 1.1  # times the smallest section: sections of the same shank
-
-
-def cuts_of(
-    scene: Scene,
-    bodies: Mapping[str, Body],
-    conditions: Mapping[str, Conditions],
-    units: Sequence[InterfaceUnit],
-    problems: Problems,
-    notes: Mapping[str, str],
-) -> dict[str, BoltCut]:
-    """Cuts of all bolts of a scene, with ``notes`` on their threads; shanks that cannot be cut are added to
-    ``problems``."""
-    cuts = {}
-    for name, bolt in scene.bolt.items():
-        body = bodies[bolt.substructure]
-        joined = _joined_nodes(body, units)
-        axis = np.asarray(bolt.axis, dtype=float)
-        axis /= np.abs(axis).max()  # squares of any direction are numbers
-        axis /= np.linalg.norm(axis)
-        fixed = held_nodes(conditions[body.name], axis, body.mesh.n_node)
-        cut = _Section(name, bolt, body, axis).cut(fixed, joined, problems)
-        if cut is not None:
-            share = share_of(name, scene, body, axis, cut.nodes, problems)
-            cuts[name] = cut = replace(cut, share=share, note=notes.get(name, ""), scaled=body.shape.moduli is not None)
-            check_diameter(name, cut, body, problems)
-            check_yield(name, cut.tension, cut, body, problems)
-    return cuts
-
-
-def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> dict[str, np.ndarray]:
-    """(n_node,) nodes of a body that take part in each of its interfaces, by name."""
-    joined: dict[str, np.ndarray] = {}
-    for i, side, name in body_sides(units):
-        trace = units[i].geometry.traces[side]
-        if name == body.name and trace is not None:
-            nodes = joined.setdefault(units[i].name, np.zeros(body.mesh.n_node, dtype=bool))
-            nodes[np.unique(trace.indices) // 3] = True
-    return joined
-
-
-def held_nodes(conditions: Conditions, axis: Array, n_node: int) -> np.ndarray:
-    """(n_node,) nodes that a boundary condition holds, drives or ties along the axis."""
-    columns = sp.csc_array(conditions.expansion)
-    used = columns.data != 0.0
-    owner = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))[used]
-    nodes = columns.indices[used] // 3
-    # one reduced dof of several nodes
-    first = np.full(columns.shape[1], n_node)
-    np.minimum.at(first, owner, nodes)
-    tied = np.zeros(columns.shape[1], dtype=bool)
-    tied[owner[nodes != first[owner]]] = True
-    # part of the axis that is among the motions of a node alone: their directions are orthonormal, along any axes
-    along = np.tile(axis, n_node)
-    squares = np.asarray(columns.multiply(columns).sum(axis=0)).ravel()
-    share = np.divide(columns.T @ along, squares, out=np.zeros_like(squares), where=~tied & (squares > 0.0))
-    residual = np.abs(along - columns @ share).reshape(n_node, 3).max(axis=1) > _ALONG
-    driven = (conditions.pattern.any(axis=1).reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1)
-    return np.asarray(residual | driven)
-
-
-class _Section:
-    """Sections of a body across an axis, along facets between its elements.
-
-    A facet between two elements is cut by the planes between their centres.
-    """
-
-    def __init__(self, name: str, bolt: Bolt, body: Body, axis: Array) -> None:
-        self._name, self._bolt, self._body, self._axis = name, bolt, body, axis
-        mesh = body.mesh
-        self._heights = mesh.nodes @ axis
-        self._bottom, self._length = float(self._heights.min()), float(np.ptp(self._heights))
-        self._cells = [block.cells[:, : N_CORNER[block.cell_type]] for block in mesh.blocks]
-        self._levels = self._level(np.concatenate([self._heights[c].mean(axis=1) for c in self._cells]))
-        self._below, self._above, self._facets = self._inner_facets(mesh)
-        self._low, self._high = self._levels[self._below], self._levels[self._above]
-
-    def _level(self, height: Array) -> Array:
-        """Heights as shares of the length of the body, equal where they differ by round-off."""
-        return np.asarray(np.round((height - self._bottom) / (self._length * _SAME)) * _SAME)
-
-    def _inner_facets(self, mesh: Mesh) -> tuple[Index, Index, Index]:
-        """Elements below and above each facet between two elements, and its nodes (n, 9), oriented out of the lower
-        element, filled with -1."""
-        tables, owners, first = [], [], 0
-        for block in mesh.blocks:
-            for local in CELL_FACES[block.cell_type]:
-                nodes = np.full((len(block.cells), _WIDEST), -1, dtype=np.int64)
-                nodes[:, : len(local)] = block.cells[:, list(local)]
-                tables.append(nodes)
-                # the number of an element counts through all blocks
-                owners.append(first + np.arange(len(block.cells)))
-            first += len(block.cells)
-        facets, owner = np.concatenate(tables), np.concatenate(owners)
-        width = (facets >= 0).sum(axis=1)
-        corners = np.array([FACET_CORNERS[FACET_KIND[n]] if n in FACET_KIND else 0 for n in range(_WIDEST + 1)])[width]
-        # the corners, sorted: both elements have them, in different order
-        keys = np.sort(np.where(np.arange(4) < corners[:, None], facets[:, :4], -1), axis=1)
-        order = np.lexsort(keys.T)
-        same = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(axis=1))
-        one, two = order[same], order[same + 1]
-        upside = self._levels[owner[one]] > self._levels[owner[two]]
-        one, two = np.where(upside, two, one), np.where(upside, one, two)
-        return owner[one], owner[two], facets[one]
-
-    # -- where to cut -----------------------------------------------------------------------------------------------
-    def cut(self, fixed: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> BoltCut | None:
-        """The cut of the bolt, or None with a problem; nodes ``fixed`` or ``joined`` by interfaces may not be on it."""
-        where, point = f"bolt.{self._name}", self._bolt.point
-        blocked = np.logical_or.reduce([fixed, *joined.values()])
-        level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
-        if level is None:
-            named = {f"interface {name}": nodes for name, nodes in joined.items()}
-            problems.add(
-                where,
-                f"no section of {self._body.name} across the axis is free of interfaces and held nodes: "
-                f"{_stretches(self._body, self._axis, named | {'held nodes': fixed})}",
-                shown(self._bolt.axis),
-                "a shank with a layer of free nodes between its ends, without interface or boundary condition",
-                "check the axis; let the interface cover the threaded faces alone, not the full shank; or refine the "
-                "mesh of the shank along the axis",
-            )
-            return None
-        # half open: a plane through the centre of an element is behind it
-        chosen = np.flatnonzero((self._low <= level) & (level < self._high))
-        if not len(chosen):
-            low, high = self._heights.min(), self._heights.max()
-            problems.add(
-                where,
-                f"the plane of the cut meets no element of {self._body.name}",
-                f"plane at {level * self._length + self._bottom:.6g} {self._body.units['m']} along the axis",
-                f"between {low:.6g} and {high:.6g} {self._body.units['m']}, half an element inside",
-                "move the point, or omit it",
-            )
-            return None
-        facets = self._one_section(chosen, problems)
-        if facets is None or not self._fits(facets, fixed, joined, problems):
-            return None
-        return self._bolt_cut(facets, level)
-
-    def _middle(self, blocked: np.ndarray) -> float | None:
-        """Level in the middle of the longest stretch of the thinnest sections without blocked nodes; None where there
-        is none. The elements at both ends of the body are left out: planes through them cut a part of the section."""
-        areas = self._projected_areas()
-        shut = np.where(self._facets >= 0, blocked[self._facets], False).any(axis=1)
-        stops = np.unique(self._levels)
-        # differences at the levels; their running sums hold between a level and the next
-        first, last = np.searchsorted(stops, self._low), np.searchsorted(stops, self._high)
-        area, closed = np.zeros(len(stops) + 1), np.zeros(len(stops) + 1)
-        # sums over the facets that a plane meets, from the levels at which they begin and end
-        for values, total in ((areas, area), (shut.astype(float), closed)):
-            np.add.at(total, first, values)
-            np.add.at(total, last, -values)
-        area, closed = np.cumsum(area)[: len(stops) - 1], np.cumsum(closed)[: len(stops) - 1]
-        spans = np.concatenate(
-            [self._level(np.stack([self._heights[c].min(1), self._heights[c].max(1)])) for c in self._cells], axis=1
-        )
-        low_end = spans[1][spans[0] <= _SAME].max(initial=0.0)
-        high_end = spans[0][spans[1] >= 1.0 - _SAME].min(initial=1.0)
-        inside = (stops[1:] > low_end) & (stops[:-1] < high_end)
-        # closed is a count, summed up in floating point
-        usable = (closed < 0.5) & (area > 0.0) & inside
-        if not usable.any():
-            return None
-        usable = _between(stops, self._level(self._heights[blocked]), usable)
-        thin = usable & (area <= _THIN * area[usable].min())
-        # edges of runs of True, in pairs: first and behind the last
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))
-        starts, ends = stops[edges[::2]], stops[edges[1::2]]
-        longest = int(np.argmax(ends - starts))
-        return float(0.5 * (starts[longest] + ends[longest]))
-
-    def _projected_areas(self) -> Array:
-        """Area of each inner facet across the axis, positive out of the lower element, m2."""
-        areas = np.zeros(len(self._facets))
-        width = (self._facets >= 0).sum(axis=1)
-        for n in np.unique(width):
-            same_width = np.flatnonzero(width == n)
-            places = self._body.mesh.nodes[self._facets[same_width][:, : FACET_CORNERS[FACET_KIND[int(n)]]]]
-            arms = places - places[:, :1]
-            # a fan of triangles from the first corner
-            areas[same_width] = 0.5 * np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1) @ self._axis
-        return areas
-
-    def _one_section(self, chosen: Index, problems: Problems) -> Index | None:
-        """Facets of the connected section that is nearest to the point of the bolt, or the only one."""
-        nodes = self._facets[chosen]
-        # facets of all kinds in one table, -1 where one has fewer nodes
-        rows, columns = np.nonzero(nodes >= 0)
-        n_node = self._body.mesh.n_node
-        # connected where facets share nodes: facets and nodes are the two kinds of vertices of the graph
-        links = sp.coo_array(
-            (np.ones(len(rows)), (rows, len(chosen) + nodes[rows, columns])), shape=2 * (len(chosen) + n_node,)
-        )
-        # labels of the facets come first
-        label = connected_components(links, directed=False)[1][: len(chosen)]
-        where, point = f"bolt.{self._name}.point", self._bolt.point
-        centres = np.stack([self._body.mesh.nodes[row[row >= 0]].mean(axis=0) for row in nodes])
-        if point is None:
-            if (label == label[0]).all():
-                return chosen
-            problems.add(
-                where,
-                f"the plane cuts {len(np.unique(label))} separate sections of {self._body.name}",
-                None,
-                "a point [x, y, z] on the shank of this bolt",
-                "give the point",
-            )
-            return None
-        # across the axis alone: the plane fixes the place along it
-        distances = np.linalg.norm(_across(centres - np.asarray(point), self._axis), axis=1)
-        nearest = int(np.argmin(distances))
-        section: Index = chosen[label == label[nearest]]
-        width = _width(centres[label == label[nearest]], self._axis)
-        if distances[nearest] <= max(width, np.sqrt(self._area(section))):
-            return section
-        near = ", ".join(f"{x:.6g}" for x in centres[nearest])
-        problems.add(
-            where,
-            f"the nearest section of {self._body.name} on the plane of the cut is {distances[nearest]:.4g} "
-            f"{self._body.units['m']} away",
-            shown(point),
-            "a point on the shank, or within one width of the shank",
-            f"the section has a point at [{near}]",
-        )
-        return None
-
-    def _fits(self, facets: Index, fixed: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> bool:
-        """Whether the section is that of a shank: free of interfaces and held nodes, no wider than the body is long."""
-        nodes = np.unique(self._facets[facets])
-        nodes = nodes[nodes >= 0]
-        where, width = f"bolt.{self._name}", _width(self._body.mesh.nodes[nodes], self._axis)
-        # wider than long: the axis runs across a plate, or the body is no bolt
-        if width > self._length:
-            length = self._body.units["m"]
-            problems.add(
-                f"{where}.axis",
-                f"no shank along the axis: the section of {self._body.name} is {width:.4g} {length} wide, the body "
-                f"{self._length:.4g} {length} long along the axis",
-                shown(self._bolt.axis),
-                "a section that is not wider than the length of the body",
-                "give the axis of the shank",
-            )
-            return False
-        names = [name for name, taken in joined.items() if taken[nodes].any()]
-        blocked = np.logical_or.reduce([fixed, *joined.values()])[nodes]
-        if blocked.any():
-            why = f"of interfaces: {listed(names)}" if names else "held along the axis by a boundary condition"
-            problems.add(
-                where,
-                f"{int(blocked.sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {why}",
-                shown(self._bolt.point),
-                "a cut between them",
-                "move the point along the axis, omit it, or refine the mesh of the shank along the axis",
-            )
-            return False
-        return True
-
-    # -- the cut ----------------------------------------------------------------------------------------------------
-    def _bolt_cut(self, facets: Index, level: float) -> BoltCut:
-        body, axis = self._body, self._axis
-        nodes = np.unique(self._facets[facets])
-        nodes = nodes[nodes >= 0]
-        on_cut = np.zeros(body.mesh.n_node, dtype=bool)
-        on_cut[nodes] = True
-        touches = np.concatenate([on_cut[block.cells].any(axis=1) for block in body.mesh.blocks])
-        # the side that the jump moves: chi is 1 at the nodes of the cut, 0 elsewhere
-        beyond = touches & (self._levels > level)
-        jump = np.zeros((body.mesh.n_node, 3))
-        jump[nodes] = axis
-        matrix = stiffness(_part(body, beyond), body.shape.elasticity, body.shape.bending_modes)
-        pattern = np.asarray(matrix @ jump.ravel())
-        # forces that cancel, but for round-off
-        pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
-        return BoltCut(
-            self._name,
-            self._bolt,
-            axis,
-            body.mesh.nodes[nodes].mean(axis=0),
-            self._area(facets),
-            nodes,
-            beyond,
-            self._moving(facets, beyond),
-            pattern,
-            float(jump.ravel() @ pattern),
-            float(pattern @ (body.mesh.nodes @ body.shape.elasticity.expansion).ravel()),
-            thread_area=self._bolt.thread_area(body.units),
-        )
-
-    def _area(self, facets: Index) -> float:
-        """Area of facets across the axis, m2."""
-        rows = self._facets[facets]
-        width = (rows >= 0).sum(axis=1)
-        section = FacetSet.of(*(rows[width == n][:, :n] for n in np.unique(width)))
-        # facets of a stepped cut: their projections on the plane add up to the section
-        return float(abs((face_of(self._body.mesh.nodes, section).vector_areas @ self._axis).sum()))
-
-    def _moving(self, facets: Index, beyond: np.ndarray) -> np.ndarray:
-        """(n_node,) nodes of the elements joined to those beyond the cut through facets that are not cut."""
-        whole = np.ones(len(self._facets), dtype=bool)
-        whole[facets] = False
-        n = len(self._levels)
-        pairs = (np.ones(int(whole.sum())), (self._below[whole], self._above[whole]))
-        label = connected_components(sp.coo_array(pairs, shape=(n, n)), directed=False)[1]
-        cells = np.isin(label, label[beyond])
-        moving, first = np.zeros(self._body.mesh.n_node, dtype=bool), 0
-        for block in self._body.mesh.blocks:
-            moving[block.cells[cells[first : first + len(block.cells)]].ravel()] = True
-            first += len(block.cells)
-        # all elements: a ring, which one cut does not divide
-        return moving if not cells.all() else np.zeros_like(moving)
-
-
-def _between(stops: Array, blocked: Array, usable: np.ndarray) -> np.ndarray:
-    """Of the usable stretches between levels those between blocked nodes, if there are any: beyond the last one that
-    something takes, as in the tip of a screw below its thread, there is no tension."""
-    tight = usable & (stops[:-1] >= blocked.min(initial=1.0)) & (stops[1:] <= blocked.max(initial=0.0))
-    if tight.any():
-        return np.asarray(tight)
-    return usable
-
-
-def _stretches(body: Body, axis: Array, blocking: Mapping[str, np.ndarray]) -> str:
-    """Stretches of blocked nodes (n_node,) along the axis, by what blocks them, in words; the longest first."""
-    heights, unit = body.mesh.nodes @ axis, body.units["m"]
-    blocked = [(what, heights[nodes]) for what, nodes in blocking.items() if nodes.any()]
-    found = sorted(blocked, key=lambda p: -np.ptp(p[1]))
-    parts = [f"{what} from {z.min():.4g} to {z.max():.4g} {unit}" for what, z in found[:_MOST_SAID]]
-    parts += [f"{len(found) - _MOST_SAID} more"] * (len(found) > _MOST_SAID)
-    parts.append(f"{body.name} from {heights.min():.4g} to {heights.max():.4g} {unit} along the axis")
-    return ", ".join(parts)
-
-
-def _part(body: Body, cells: np.ndarray) -> Elements:
-    """Some of the elements of a body, (n_cell,)."""
-    mesh, moduli = body.mesh, body.shape.moduli
-    ends = np.cumsum([len(block.cells) for block in mesh.blocks])[:-1]
-    parts = zip(mesh.blocks, np.split(cells, ends), strict=True)
-    blocks = tuple(replace(block, cells=block.cells[members]) for block, members in parts if members.any())
-    return Elements(Mesh(mesh.nodes, blocks, {}), None if moduli is None else moduli[cells])
-
-
-def _across(vectors: Array, axis: Array) -> Array:
-    """Parts (n, 3) of vectors across the axis."""
-    return np.asarray(vectors - np.outer(vectors @ axis, axis))
-
-
-def _width(places: Array, axis: Array) -> float:
-    """Twice the largest distance of points from their middle, across the axis, m."""
-    flat = _across(places, axis)
-    middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-    return float(2.0 * np.linalg.norm(flat - middle, axis=1).max())
+        return np.asarray(self._opened.together.T @ forces.ravel()).reshape(-1, 3)

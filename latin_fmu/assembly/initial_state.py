@@ -296,10 +296,11 @@ class TightBolts:
                 table.size,
                 cut.thread_area,
                 cut.share,
+                cut.named,
+                clamped=cut.clamped,
+                screw=cut.screw,
             )
-            terms = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
-            terms[cut.load] = cut.stiffness
-            places[name] = BoltPlace(table.substructure, cut.pattern, about, terms)
+            places[name] = BoltPlace(table.substructure, cut.rows, about, cut.terms(temperatures.get(name, {})))
         return places
 
 

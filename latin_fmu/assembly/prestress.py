@@ -13,7 +13,8 @@ from ..fem.geometric_stiffness import geometric_stiffness
 from ..latin.assembly import Array
 from ..propagator.model import OperatorPattern
 from .body import Body
-from .bolts import OpenedMesh
+from .bolts import CutStress, OpenedMesh
+from .shank_facets import chosen_elements
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class Prestress:
         return OperatorPattern([stiffness, matrix]).sum([1.0, 1.0], [stiffness, matrix])
 
 
-Cuts = dict[str, tuple[Array, float]]
-"""What K_sigma adds to the pattern g, (n_full,), and the stiffness k of the cut of a bolt, N m-1, by bolt."""
+Cuts = dict[str, CutStress]
+"""What K_sigma adds to the cut of a bolt and the sections of its shank, by bolt."""
 
 
 def body_stiffness(
@@ -60,13 +61,19 @@ def body_stiffness(
         return geometric_stiffness(shape.elements, shape.elasticity, nodal, unstrained, shape.bending_modes), {}
     elements, apart = Elements(opened.mesh, shape.moduli), opened.displacement(nodal)
     matrix = geometric_stiffness(elements, shape.elasticity, apart, unstrained, shape.bending_modes)
-    together = sp.csr_array(sp.kron(opened.merging, sp.eye_array(3)))
+    together = opened.together
     merged = sp.csr_array(together.T @ matrix @ together)
     merged.sort_indices()
     cuts: Cuts = {}
-    for name, jump in opened.jumps():
+    for cut, (name, jump) in zip(opened.cuts, opened.jumps(), strict=True):
         pulled = matrix @ jump.ravel()
-        cuts[name] = np.asarray(together.T @ pulled), float(jump.ravel() @ pulled)
+        rows = []
+        for section in cut.sections:
+            beside = unstrained if len(unstrained) == 1 else unstrained[section.side]
+            part = chosen_elements(opened.mesh, shape.moduli, section.side)
+            of_part = geometric_stiffness(part, shape.elasticity, apart, beside, shape.bending_modes)
+            rows.append(section.rows(opened, of_part, cut.directions))
+        cuts[name] = CutStress(np.asarray(together.T @ pulled), float(jump.ravel() @ pulled), tuple(rows))
     return merged, cuts
 
 

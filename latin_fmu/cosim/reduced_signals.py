@@ -63,6 +63,9 @@ class OutputRows:
             for name, place in request.places(kind).items():
                 model = models[place.substructure]
                 full = place.full_rows(model, False)
+                # of a bolt the tension alone
+                if kind == "tension":
+                    full = full[:1]
                 if model.nodal is not None:
                     full = full @ model.nodal
                 rows[kind, name] = placed(tied.where[place.substructure], tied.trace.shape[1], full)
@@ -244,7 +247,7 @@ class ReducedSignals(Signals):
         rows = sp.lil_array(-strained)
         forcing = self._bodies.propagators[number].forcing
         for load, amplitude in zip(forcing.members[member].loads, forcing.amplitudes[member], strict=True):
-            self._add_load(rows, 0, load.name, amplitude, bolt.terms.get(load.name, 0.0))
+            self._add_load(rows, 0, load.name, amplitude, bolt.tension_term(load.name))
         return sp.csr_array(rows)
 
     # -- interfaces ----------------------------------------------------------------------------------------------------

@@ -341,7 +341,7 @@ class Signals(SignalPlaces):
         forcing = self._assembly.propagators[place.number].forcing
         terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
         for load, amplitude in terms:
-            self._add_load(rows, 0, load.name, amplitude, bolt.terms.get(load.name, 0.0))
+            self._add_load(rows, 0, load.name, amplitude, bolt.tension_term(load.name))
         return sp.csr_array(rows)
 
     def energies(self, parts: Sequence[str]) -> sp.csr_array:

@@ -10,7 +10,7 @@ windows, run_state                                   from 0 to T window by windo
 solver, instant_solve, sliding_start                 a window that stalls: fall-backs, softened start, point by point
 coarse_problem, tied_bodies                          balance of bodies without inertia; preconditioner of Newton steps
 recorder, interface_rows, probes                     what is kept of a run; of interfaces, of sensors and bolts
-outcome, status                                      its histories as arrays; how the iteration went
+outcome, status, bolt_sections                       its histories as arrays; how the iteration went; shanks of bolts
 part, processes, exchange                            substructures over several processes (MPI)
 state_serialization                                  states as bytes and back
 ===================================================  ==================================================================

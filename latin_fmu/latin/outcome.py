@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interface.laws import SEPARATION, SLIP
+from .bolt_sections import ClampedFace, ScrewData, ShankSections
 
 Array = NDArray[np.float64]
 
@@ -284,6 +285,10 @@ class BoltHistory:
     plastic_elongation : (n_time,) of the shank, m; None where it may not yield.
     thread, thread_area : metric thread, and its tensile stress area, m2; None where the scene names none.
     share : of the whole screw that is modelled; tensions are those of this part.
+    sections : of the shank. section_force, section_moment : (n_time, n_section, 3) what the part beyond a section,
+        along the axis, exerts on the one before it: axial and two shear forces, N, torsion and two bending moments
+        about the centre of the section, N m, along ``sections.directions``.
+    clamped : interfaces of the parts around the shank. screw : what margins take; None where the thread has no size.
     """
 
     name: str
@@ -299,6 +304,11 @@ class BoltHistory:
     thread: str | None = None
     thread_area: float | None = None
     share: float = 1.0
+    sections: ShankSections | None = None
+    section_force: Array | None = None
+    section_moment: Array | None = None
+    clamped: tuple[ClampedFace, ...] = ()
+    screw: ScrewData | None = None
 
     @property
     def stress_area(self) -> float:

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -34,7 +34,7 @@ from .outcome import BoltHistory, ReactionHistory, SensorHistory
 SERIES: Final[Mapping[str, tuple[str, tuple[int, ...] | None]]] = {
     "motion": ("sensors", (3, 3)),  # displacement, velocity, acceleration
     "force": ("supports", (2, 3)),  # of the reaction: what explicit schemes take as a mean over the step, and the rest
-    "tension": ("bolts", ()),
+    "tension": ("bolts", None),
     "path": ("faces", None),
 }
 """What is kept at every instant: field of the request with the places, and shape; None where it is that of a place."""
@@ -165,33 +165,45 @@ class Support:
 
 @dataclass(frozen=True)
 class BoltPlace:
-    """A tightened bolt: its tension is F = stiffness * shortening - pattern . u, the resultant along the axis of the
-    internal forces on its cut; a change of temperature adds its own, a plastic elongation shortens it less.
+    """A tightened bolt: resultants of the internal forces on sections of its shank, r = terms . amplitudes - pattern u;
+    the first one is its tension, a change of temperature adds its own, a plastic elongation shortens it less.
 
     Attributes
     ----------
-    substructure : its body. pattern : (n_full,) forces on the nodes per shortening, N m-1.
-    description : its history in the results, without instants. terms : tension where u = 0 by load terms of amplitude
-        1, N: of the bolt itself, stiffness times its shortening, and of temperatures.
+    substructure : its body. pattern : (6 n_section, n_full), of the cut first (``assembly.bolts``).
+    description : its history in the results, without instants. terms : resultants (6 n_section,) where u = 0 by load
+        terms of amplitude 1, N and N m: of the bolt itself, stiffness times its shortening, and of temperatures.
     """
 
     substructure: str
-    pattern: Array
+    pattern: sp.csr_array
     description: BoltHistory
-    terms: Mapping[str, float] = field(default_factory=dict)
+    terms: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """That of its series at an instant: sections, and axial force, two shear forces, torsion, two moments of
+        each."""
+        return self.pattern.shape[0] // 6, 6
+
+    def tension_term(self, load: str) -> float:
+        """Tension where u = 0 by a load term of amplitude 1, N."""
+        if load in self.terms:
+            return float(self.terms[load][0])
+        return 0.0
 
     def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
-        """The pattern as one row."""
-        return self.pattern[None]
+        """The pattern of all sections."""
+        return self.pattern
 
     def read(self, values: Array, of: Reading, /) -> Array:
-        """Tension (n,), N."""
-        tension = -_strained(values)[:, 0]
+        """Resultants (n, n_section, 6), N and N m."""
+        resultants = -_strained(values)
         forcing = of.assembly.propagators[of.number].forcing
         for load, amplitude in zip(forcing.members[of.member].loads, forcing.amplitudes[of.member], strict=True):
             if load.name in self.terms:
-                tension = tension + self.terms[load.name] * amplitude[of.instants]
-        return np.asarray(tension)
+                resultants = resultants + amplitude[of.instants, None] * self.terms[load.name]
+        return np.asarray(resultants.reshape(-1, *self.shape))
 
 
 @dataclass(frozen=True)
@@ -253,11 +265,11 @@ class OutputRequest:
 
     def series(self, n_time: int) -> dict[str, dict[str, Array]]:
         """Room for what is kept at so many instants, by kind and name."""
-        paths = {name: np.zeros((n_time, *place.shape)) for name, place in self.faces.items()}
-        shapes = {key: shape for key, (_, shape) in SERIES.items() if shape is not None}
-        return {k: {name: np.zeros((n_time, *shape)) for name in self.places(k)} for k, shape in shapes.items()} | {
-            "path": paths
-        }
+        room: dict[str, dict[str, Array]] = {}
+        for key, (_, shape) in SERIES.items():
+            places: Mapping[str, Any] = self.places(key)
+            room[key] = {n: np.zeros((n_time, *(p.shape if shape is None else shape))) for n, p in places.items()}
+        return room
 
 
 def nodes_of(model: SubstructureModel) -> sp.csr_array:
@@ -315,6 +327,7 @@ class Probes:
             model = propagator.members[0]
             at = 0
             parts = dict[int, slice]()
+            alive = []  # what is gone may give its number to another
             blocks = []
             for key in SERIES:
                 for name, place in request.places(key).items():
@@ -322,6 +335,7 @@ class Probes:
                         continue
                     full = place.full_rows(model, assembly.scheme.explicit)
                     number, member = id(full), propagator.names.index(place.substructure)
+                    alive.append(full)
                     # models with shapes have other full dofs than the nodes
                     if model.nodal is not None:
                         full = full @ model.nodal

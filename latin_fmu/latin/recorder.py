@@ -383,14 +383,20 @@ class Recorder:
         return reaction_histories(assembly, supports, self.series("force"))
 
     def bolt_histories(self) -> dict[str, BoltHistory]:
-        """Tensions of the bolts over the kept instants."""
-        forces = self.series("tension")
+        """Tensions of the bolts and resultants on sections of their shanks over the kept instants."""
+        resultants = self.series("tension")
         histories = {}
         for name, bolt in self.request.bolts.items():
             q = bolt.description.plastic_elongation
             if q is not None:
                 q = q[: self.n_kept]
-            histories[name] = replace(bolt.description, force=forces[name], plastic_elongation=q)
+            # side by side: sums have the bits of one series
+            force = np.ascontiguousarray(resultants[name][:, 0, 0])
+            named = bolt.description.sections
+            on_sections = resultants[name] if named is None else resultants[name][:, named.rows]
+            shear, moment = on_sections[..., :3], on_sections[..., 3:]
+            filled = replace(bolt.description, force=force, plastic_elongation=q)
+            histories[name] = replace(filled, section_force=shear, section_moment=moment)
         return histories
 
     def substructures(self) -> dict[str, SubstructureHistory]:

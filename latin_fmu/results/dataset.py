@@ -10,7 +10,8 @@
     /sensors/<name>        SENSOR at SENSOR_PLACE, FILTERED where requested
     /sensors/<name>/spectrum       SPECTRUM where requested, its relative error where estimated
     /reactions/<boundary>  REACTION of the support on its body, where requested
-    /bolts/<name>          BOLT; attributes order, target_force
+    /bolts/<name>          BOLT, with SECTIONS of its shank at SECTION_PLACES, their SECTION_STRESSES, and
+                           MARGINS; attributes order, target_force
     /convergence           CONVERGENCE
     /energy                ENERGY of the assembly, where requested
     /resultants            RESULTANTS of every body at the end, without inertia
@@ -39,6 +40,7 @@ from ..latin.status import WindowList
 from ..scene.quantity_table import INTERFACE as OF_INTERFACE
 from ..scene.quantity_table import PEAK_FORCE, RUN_SCALARS, QuantityOfInterest
 from ..scene.sensors import Sensor
+from .bolt_results import bolt_groups
 from .files import write_groups
 from .groups import StoredGroup, describe_mesh, root_attributes
 from .interface_fields import Force, InterfaceFields, normal_resultant, slip_in_contact
@@ -64,7 +66,7 @@ from .quantities import (
     columns,
     named,
 )
-from .sensors import bolt_groups, reaction_groups, sensor_groups
+from .sensors import reaction_groups, sensor_groups
 
 if TYPE_CHECKING:
     import xarray as xr

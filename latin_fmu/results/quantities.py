@@ -16,6 +16,8 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from .bolt_strength import assembly_torsion
+
 
 @dataclass(frozen=True)
 class StoredQuantity:
@@ -128,6 +130,9 @@ LABELS: Final = rows(
     strain_component | -  | strain_component | component of the symmetric strain tensor
     principal        | 1  | principal        | number of the principal value, largest first
     order            | 1  | order            | bolts tightened last, in ascending order
+    section          | -  | section          | section of the shank, from the head to the thread
+    direction        | -  | direction        | direction of a section: along the axis of the shank, and two across it
+    check            | -  | check            | check of the screw | VDI 2230-1:2015
     frequency        | Hz | frequency        | natural frequency of the oscillator
     response         | -  | response         | part of the response | primary: during the record, residual: after it
     substructure     | -  | substructure     | substructure
@@ -293,16 +298,51 @@ BOLT: Final = rows(
     plastic_elongation | m | time | plastic elongation of the shank since the bolts were tightened
     shortening       | m  |      | shortening of the shank, counted from before the bolts were tightened
     section_area     | m2 |      | section of the shank across its axis
+    clamp_length     | m  |      | clamp length l_K
+    assembly_torsion | N m |     | torsion of assembly M_G | by the friction of the thread under the largest tension \
+        while bolts were tightened
+    section_force    | N   | time section direction | forces in the shank at its sections: axial, two shear forces | \
+        what the part beyond the section, along the axis, exerts on the one before it
+    section_moment   | N m | time section direction | moments in the shank about the centres of its sections: torsion, \
+        two bending moments | what the part beyond the section, along the axis, exerts on the one before it
     tightening_force | N  | order | tension when the bolts of each order were tight, before other loads
     """,
     {
         "mean_stress": lambda bolt: bolt.force / bolt.area,
         "thread_stress": lambda bolt: None if bolt.thread_area is None else bolt.force / bolt.stress_area,
         "section_area": attrgetter("area"),
+        "clamp_length": lambda bolt: None if bolt.screw is None else bolt.screw.clamp_length,
+        "assembly_torsion": assembly_torsion,
         "tightening_force": lambda bolt: np.array(bolt.tightening),
     },
 )
 """Of a ``BoltHistory``."""
+SECTIONS: Final = rows(
+    """
+    direction_vector | 1  | direction component | unit vector of a direction of the sections
+    mesh_section_area | m2 | section | section of the mesh across the axis
+    """,
+    {"direction_vector": attrgetter("directions"), "mesh_section_area": attrgetter("areas")},
+)
+"""Of the ``ShankSections`` of a bolt."""
+SECTION_PLACES: Final = _places("section_", "section", "the centre of the section, reference configuration", "centres")
+SECTION_STRESSES: Final = rows(
+    """
+    nominal_stress | Pa | time section | axial force over the section | over the tensile stress area of the thread, \
+        where there is one, else over that of the mesh
+    bending_stress | Pa | time section | bending stress at the edge of the section | of a circle of the same area
+    edge_stress | Pa | time section | largest axial stress at the edge of the section | nominal and bending
+    """,
+    {f"{name}_stress": attrgetter(name) for name in ("nominal", "bending", "edge")},
+)
+"""Of ``SectionStresses``."""
+MARGINS: Final = rows(
+    """
+    safety | 1 | check | safety of the screw: what is allowed over what acts | of separation: smallest clamp force \
+        over that at the start
+    clause | - | check | step and equation of VDI 2230-1:2015
+    """
+)
 BOLT_END: Final = rows(
     "end_force | N | | tension at the end | mean over the last periods where it still oscillates, else the last value"
 )

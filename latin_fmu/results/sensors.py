@@ -1,15 +1,14 @@
-"""Sensors, reactions and bolts in the results: groups of the file, filters, lines of the summary, report."""
+"""Sensors and reactions in the results: groups of the file, filters, lines of the summary, report; ends of tensions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from ..latin.outcome import Array, Outcome, SensorHistory
-from ..scene.quantity_table import BOLT as OF_BOLT
 from ..scene.quantity_table import BOUNDARY, FLOOR
 from ..scene.quantity_table import SENSOR as OF_SENSOR
 from ..scene.readable_numbers import aligned, percent, readable, readable_vector
@@ -17,20 +16,8 @@ from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
 from .filters import low_pass, uniform_step
 from .groups import StoredGroup, finite
-from .owner_records import BoltRecord, SensorRecord, reported, stored_scalars
-from .quantities import (
-    AXES,
-    BOLT,
-    BOLT_END,
-    FILTERED,
-    LABELS,
-    REACTION,
-    SENSOR,
-    SENSOR_PLACE,
-    StoredQuantity,
-    columns,
-    named,
-)
+from .owner_records import SensorRecord, reported, stored_scalars
+from .quantities import AXES, FILTERED, LABELS, REACTION, SENSOR, SENSOR_PLACE, StoredQuantity, columns, named
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 
 
@@ -131,67 +118,6 @@ def reaction_report(outcome: Outcome) -> dict[str, Any]:
         | reported(BOUNDARY, history)
         | {"last": [finite(float(x)) for x in history.force[-1]]}
         for name, history in outcome.reactions.items()
-    }
-
-
-def bolt_groups(outcome: Outcome) -> dict[str, StoredGroup]:
-    """Groups ``bolts/<name>`` of the bolts of a run by path."""
-    groups, ends = {}, bolt_ends(outcome)
-    for name, bolt in outcome.bolts.items():
-        along = named(LABELS, {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)})
-        attrs: dict[str, object] = {"substructure": bolt.substructure, "order": bolt.order}
-        if bolt.target is not None:
-            attrs |= {"target_force": bolt.target}
-        if bolt.thread is not None:
-            attrs |= {"thread": bolt.thread}
-        stored = [*columns(BOLT, bolt), *named(BOLT_END, {"end_force": ends[name].mean})]
-        stored += stored_scalars(OF_BOLT, BoltRecord.of(bolt, outcome.time))
-        groups[f"/bolts/{name}"] = StoredGroup.of(stored, along, attrs)
-    return groups
-
-
-def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
-    """Table of the bolts: tension when tightened, at the start, smallest and largest, largest stress and the section
-    that it is of, shortening."""
-    head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "stress", "over", "shortening"
-    rows: list[tuple[str, ...]] = [head]
-    for name, bolt in outcome.bolts.items():
-        forces = bolt.tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
-        stress, shortening = forces[-1] / bolt.stress_area, readable(bolt.shortening, units.label("m"))
-        tensions = (readable(force, units.label("N")) for force in forces)
-        numbers = (*tensions, readable(stress, units.label("Pa")), bolt.thread or "mesh", shortening)
-        rows.append((name, bolt.substructure, str(bolt.order), *numbers))
-    if len(rows) > 1:
-        return aligned(rows)
-    return []
-
-
-def bolt_report(outcome: Outcome) -> dict[str, Any]:
-    """Per bolt ``substructure``, ``order``, ``target_force`` (N, None where the shortening is given), ``section_area``
-    (m2), ``thread`` and ``thread_area`` (m2, None where the scene names none), ``share`` of the whole screw that is
-    modelled, ``largest_stress`` (Pa, over the tensile stress area of the thread, else over the section), ``shortening``
-    (m), ``tightening_force`` (N, when the bolts of each order were tight), ``first`` and ``smallest`` tension of the
-    run, N, its scalars, ``largest`` and ``last`` tension, N; ``end`` : ``mean``, ``low`` and ``high``, N, from
-    ``begin``, s, ``half_periods`` (``TensionEnd``)."""
-    ends = bolt_ends(outcome)
-    return {
-        name: {
-            "substructure": bolt.substructure,
-            "order": bolt.order,
-            "target_force": bolt.target,
-            "section_area": finite(bolt.area),
-            "thread": bolt.thread,
-            "thread_area": finite(bolt.thread_area),
-            "share": bolt.share,
-            "largest_stress": finite(float(bolt.force.max()) / bolt.stress_area),
-            "shortening": finite(bolt.shortening),
-            "tightening_force": [finite(force) for force in bolt.tightening],
-            "first": finite(float(bolt.force[0])),
-            "smallest": finite(float(bolt.force.min())),
-        }
-        | reported(OF_BOLT, BoltRecord.of(bolt, outcome.time))
-        | {"end": {key: finite(value) for key, value in asdict(ends[name]).items()}}
-        for name, bolt in outcome.bolts.items()
     }
 
 

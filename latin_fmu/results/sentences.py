@@ -28,6 +28,7 @@ from ..scene.readable_numbers import percent, readable
 from ..scene.sensors import ChannelClass, LowPass, Sensor
 from ..scene.unit_texts import GRAVITY
 from ..scene.units import SI, UnitSystem
+from .bolt_margins import SectionStresses
 from .estimates import ErrorEstimate, QuantityEstimate, error_text
 from .interface_fields import (
     AS_A_WHOLE,
@@ -295,10 +296,22 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
     if bolt.thread is not None and bolt.share != 1.0:
         section = f"{bolt.share:.4g} of {section}"
     stress = readable(high / bolt.stress_area, units.label("Pa"), 3)
-    clauses.append(f"{text} during the run, at most {stress} over {section}")
+    clauses.append(f"{text} during the run, at most {stress} over {section}{_bent(bolt, units)}")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:
         clauses.append(f"yields by {readable(plastic, units.label('m'), 3)}")
     return clauses
+
+
+def _bent(bolt: BoltHistory, units: UnitSystem) -> str:
+    """The largest stress at the edge of a section, and which, where bending counts."""
+    stresses = SectionStresses(bolt)
+    if stresses.edge is None or stresses.bending is None or bolt.sections is None:
+        return ""
+    instant, section = np.unravel_index(int(np.argmax(stresses.edge)), stresses.edge.shape)
+    edge = float(stresses.edge[instant, section])
+    if float(stresses.bending[instant, section]) <= _LITTLE * edge:
+        return ""
+    return f", with bending {readable(edge, units.label('Pa'), 3)} at its edge ({bolt.sections.names[section]})"
 
 
 def _sensor(

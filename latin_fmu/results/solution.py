@@ -14,20 +14,12 @@ from ..latin.outcome import Outcome
 from ..machine import provenance
 from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
+from .bolt_results import bolt_lines, bolt_report, margin_lines
 from .dataset import Recovered, datatree, result_blocks, result_groups, root_group
 from .estimates import ErrorEstimate, TruncationError
 from .files import write_groups
 from .groups import StoredGroup, in_units
-from .sensors import (
-    bolt_lines,
-    bolt_report,
-    reaction_lines,
-    reaction_report,
-    sensor_lines,
-    sensor_report,
-    spectra_of,
-    spectrum_lines,
-)
+from .sensors import reaction_lines, reaction_report, sensor_lines, sensor_report, spectra_of, spectrum_lines
 from .sentences import named_lines, sentences, wrapped
 from .spectra import ShockSpectrum
 from .stresses import BodyStresses, body_stresses, stress_rows
@@ -183,6 +175,8 @@ class Solution:
         lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
         if said := sentences(self.outcome, self.units, self.estimate, self.spectra, self.sensor_tables):
             lines += ["", *said]
+        if margins := margin_lines(self.outcome):
+            lines += ["", *margins]
         if self.stresses:
             lines += ["", *named_lines(stress_rows(self.stresses, self.units))]
         if self.sensitivities is not None and (self.bands is None or not self.bands.alone):

@@ -26,6 +26,7 @@ from .units import UnitSystem, system_named
 
 NUT_FACTOR: Final = 0.2
 """Of dry steel."""
+_BEARING: Final = 1.3  # mean diameter of the bearing surface of a head over the nominal one, where it is not given
 LARGEST_STRESS: Final = 1e9
 """Mean stress, Pa, above which a screw without a class and a yield stress is taken for a slip of the keyboard."""
 _SAME_DIAMETER: Final = 0.05  # relative difference of a diameter from that of the thread
@@ -112,6 +113,15 @@ def _as_thread(value: object) -> object:
 Thread = Annotated[ThreadTable, BeforeValidator(_as_thread)]
 
 
+def _check_diameters(pair: tuple[float, float]) -> tuple[float, float]:
+    if not 0.0 <= pair[0] < pair[1]:
+        raise refusal("no ring", value=list(pair), allowed="[inner, outer], 0 <= inner < outer")
+    return pair
+
+
+Diameters = Annotated[tuple[Real, Real], AfterValidator(_check_diameters)]
+
+
 Patterns = Text | Annotated[tuple[Text, ...], Field(min_length=1)]
 
 
@@ -119,11 +129,12 @@ class Bolt(SceneTable):
     """A bolt that is tightened before t = 0, to a force, by a torque or a shortening; then the shortening is kept.
 
     A torque T gives the force T / (K d) with the nut factor K and the nominal diameter d (Bickford, Introduction to the
-    Design and Behavior of Bolted Joints, section 7.1.1). The shank is cut by a plane across the axis. Where the cut is
-    in the shank does not matter. Its stress is its tension over the tensile stress area of `thread` (ISO 898-1), which
-    property classes are about; over the meshed section of the cut where no thread is named (a waisted shank). Of a bolt
-    that planes of symmetry cut along its axis, `force` is that of the modelled part; torque, thread and yield force are
-    those of the whole screw. With `parts` one table stands for many screws, which are named table_part.
+    Design and Behavior of Bolted Joints, section 7.1.1), or with coefficients of friction that of VDI 2230-1 (R13/1).
+    The shank is cut by a plane across the axis. Where the cut is in the shank does not matter. Its stress is its
+    tension over the tensile stress area of `thread` (ISO 898-1), which property classes are about; over the meshed
+    section of the cut where no thread is named (a waisted shank). Of a bolt that planes of symmetry cut along its axis,
+    `force` is that of the modelled part; torque, thread and yield force are those of the whole screw. With `parts` one
+    table stands for many screws, which are named table_part.
     """
 
     substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")] = ""
@@ -189,14 +200,77 @@ class Bolt(SceneTable):
             ge=0,
         ),
     ] = None
+    thread_friction: Annotated[
+        Real | None,
+        about(
+            "friction coefficient mu_G of the thread: with `torque` it gives the force, in place of the nut factor, "
+            "and the torsion of assembly; with `force` the torsion of a screw that is tightened by turning",
+            "1",
+            gt=0,
+        ),
+    ] = None
+    head_friction: Annotated[
+        Real | None,
+        about("friction coefficient mu_K under the head, with `torque`; default: that of the thread", "1", gt=0),
+    ] = None
+    head_bearing: Annotated[
+        Diameters | None,
+        about(
+            "inner and outer diameter of the bearing surface under head or washer; default: the area of its seat in "
+            "the mesh, and a mean diameter of 1.3 d for the torque",
+            "m",
+        ),
+    ] = None
+    nut_bearing: Annotated[
+        Diameters | None, about("the same of the nut; default: the area of its seat in the mesh", "m")
+    ] = None
+    permissible_pressure: Annotated[
+        Real | None,
+        about("permissible pressure p_G of the clamped part under head and nut; default: none, no margin", "Pa", gt=0),
+    ] = None
+    clamp_length: Annotated[
+        Real | None, about("clamp length l_K; default: that between the ends of the free shank", "m", gt=0)
+    ] = None
+    rolled: Annotated[
+        Literal["before", "after"],
+        about('thread rolled "before" or "after" heat treatment, which its fatigue strength depends on'),
+    ] = "before"
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
 
     def tension(self, share: float) -> float | None:
         """Force that the modelled part of the screw, a ``share`` of it, is tightened to, N; None where its shortening
         is given."""
         if self.torque is not None and self.diameter is not None:
-            return share * self.torque / ((self.nut_factor or NUT_FACTOR) * self.diameter)
+            return share * self.torque / self._lever
         return self.force
+
+    @property
+    def _lever(self) -> float:
+        """Torque over force, m: K d, or with coefficients of friction that of VDI 2230-1 (R13/1)."""
+        assert self.diameter is not None
+        thread = self.named_thread
+        if self.thread_friction is None or thread is None:
+            return (self.nut_factor or NUT_FACTOR) * self.diameter
+        lengths = 0.16 * thread.pitch + 0.58 * thread.flank_diameter * self.thread_friction
+        under = 0.5 * (self.head_friction or self.thread_friction) * self._bearing
+        return self.diameter / thread.diameter * lengths + under
+
+    @property
+    def _bearing(self) -> float:
+        """Mean diameter D_Km of the bearing surface of the head, m."""
+        if self.head_bearing is not None:
+            return 0.5 * sum(self.head_bearing)
+        return _BEARING * (self.diameter or 0.0)
+
+    def friction_of_thread(self) -> float | None:
+        """mu_G of the thread of a screw that is tightened by turning: as given, else what its nut factor means where
+        thread and head have the same; None where no torque is known."""
+        thread = self.named_thread
+        if self.thread_friction is not None or self.torque is None or thread is None or self.diameter is None:
+            return self.thread_friction
+        mm = self.diameter / thread.diameter
+        both = 0.58 * thread.flank_diameter * mm + 0.5 * self._bearing
+        return max(0.0, (self._lever - 0.16 * thread.pitch * mm) / both)
 
     @property
     def size(self) -> str | None:
@@ -206,7 +280,7 @@ class Bolt(SceneTable):
         return self.thread.size
 
     @property
-    def _named_thread(self) -> ThreadSize | None:
+    def named_thread(self) -> ThreadSize | None:
         """Thread that the bolt names by its size, None where it names none."""
         if self.thread is None:
             return None
@@ -214,14 +288,14 @@ class Bolt(SceneTable):
 
     def nominal(self, units: UnitSystem) -> float | None:
         """Nominal diameter in these units, m; None where the bolt gives none."""
-        named = self._named_thread
+        named = self.named_thread
         if named is None:
             return self.diameter
         return 1e-3 * named.diameter / units.size("m")
 
     def thread_area(self, units: UnitSystem) -> float | None:
         """Tensile stress area of its thread in these units, m2; None where it names none."""
-        named = self._named_thread
+        named = self.named_thread
         if named is None:
             return None
         return 1e-6 * named.stress_area / units.size("m2")
@@ -360,6 +434,21 @@ def _size_text(thread: object) -> str:
     return str(thread)
 
 
+def _friction_problems(where: str, table: RawTable) -> Iterator[Problem]:
+    """Coefficients of friction that miss what they need, or say the same as the nut factor."""
+    if given(table, "thread_friction") and _named(table) is None:
+        what = "the friction of a thread needs its size: pitch and diameters are in the formula"
+        value = shown(table["thread_friction"])
+        yield Problem(f"{where}.thread_friction", what, value, "with 'thread'", "name the thread")
+    if given(table, "thread_friction") and given(table, "nut_factor"):
+        what = "the nut factor stands for the friction of thread and head"
+        yield Problem(f"{where}.nut_factor", what, shown(table["nut_factor"]), "one of the two", "omit one of them")
+    if given(table, "head_friction") and not (given(table, "thread_friction") and given(table, "torque")):
+        what = "the friction under the head counts with 'torque' and 'thread_friction' alone"
+        value = shown(table["head_friction"])
+        yield Problem(f"{where}.head_friction", what, value, None, "add both of them, or omit it")
+
+
 def bolt_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the bolts of a scene as written; the cuts of their shanks are checked with the meshes."""
     substructures = named_tables(raw, "substructure")
@@ -376,6 +465,7 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
                 if need == "diameter":
                     remedy = "add 'thread', its size, or 'diameter'"
                 yield Problem(f"{where}.{key}", what, None, "both of them", remedy)
+        yield from _friction_problems(where, table)
         yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
         if not isinstance(body, str) or body not in substructures:
             continue

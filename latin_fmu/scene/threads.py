@@ -47,7 +47,17 @@ class ThreadSize:
     @property
     def stress_area(self) -> float:
         """Tensile stress area A_s, mm2."""
-        return math.pi / 4.0 * (self.diameter - self.stressed * self.pitch) ** 2
+        return math.pi / 4.0 * self.stress_diameter**2
+
+    @property
+    def stress_diameter(self) -> float:
+        """Diameter d_S of the stress area, mm."""
+        return self.diameter - self.stressed * self.pitch
+
+    @property
+    def flank_diameter(self) -> float:
+        """Pitch diameter d_2, mm: d - 3/8 sqrt(3) P, of metric (ISO 724) and unified threads alike."""
+        return self.diameter - 0.375 * math.sqrt(3.0) * self.pitch
 
     @property
     def core_diameter(self) -> float:
@@ -124,3 +134,20 @@ def class_yield(name: str) -> float | None:
     if found is not None and name in _CLASSES:
         return 10.0 * int(found[1]) * int(found[2])
     return None
+
+
+_MINIMA: Final = {"9.8": 720.0, "10.9": 940.0, "12.9": 1100.0}
+_LARGE: Final = 16.0  # mm, nominal diameter above which class 8.8 has more
+_LARGE_88: Final = 660.0
+
+
+def class_minimum(name: str, diameter: float) -> float | None:
+    """Least R_p0.2 of a property class, MPa (ISO 898-1, table 3), which VDI 2230 takes: of "8.8" 640, from a nominal
+    ``diameter`` above 16 mm on 660; of classes without one the nominal yield stress.
+
+    >>> class_minimum("8.8", 10.0), class_minimum("8.8", 20.0), class_minimum("10.9", 10.0)
+    (640.0, 660.0, 940.0)
+    """
+    if name == "8.8" and diameter > _LARGE:
+        return _LARGE_88
+    return _MINIMA.get(name, class_yield(name))

@@ -16,7 +16,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.body import body_sides
-from ..assembly.bolts import load_name
 from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept, KeptOperators
 from ..assembly.problem import DiscretisedProblem
@@ -422,9 +421,10 @@ class OperatorChanges:
                     )
             for name, place in stage.ready.output.bolts.items():
                 cuts = [end.cuts[name] for end in (parameter.more, parameter.less)]
-                stiffness = (cuts[0].stiffness - cuts[1].stiffness) / parameter.span
-                pattern = parameter.of(cuts[0].pattern, cuts[1].pattern)
-                bolts[named(copy, name)] = replace(place, pattern=pattern, terms={load_name(name): stiffness})
+                up, down = (cut.terms({}) for cut in cuts)
+                terms = {load: (up[load] - down[load]) / parameter.span for load in up}
+                pattern = sp.csr_array((cuts[0].rows - cuts[1].rows) / parameter.span)
+                bolts[named(copy, name)] = replace(place, pattern=pattern, terms=terms)
         if changes:
             return OperatorChanges(stage, changes, strains, bolts, len(parameters))
         return None

@@ -25,7 +25,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.body import Body, body_sides
-from ..assembly.bolts import BoltCut, held_nodes
+from ..assembly.bolt_cuts import held_nodes
+from ..assembly.bolts import BoltCut
 from ..assembly.conditions import Conditions
 from ..assembly.press_fits import interference
 from ..errors import Problem

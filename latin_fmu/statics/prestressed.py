@@ -113,7 +113,7 @@ def stressed_problem(
     period = ratios.period if ratios.largest >= 2.0 * NEGLIGIBLE else np.inf
     pressure = {name: -traction[:, 0] for name, traction in state.traction.items()}
     prestress = Prestress(stiffness, words, period, _drives(problem, stiffness), pressure)
-    stressed = {name: cut.stressed(*of_cuts[name]) for name, cut in problem.cuts.items() if name in of_cuts}
+    stressed = {name: cut.stressed(of_cuts[name]) for name, cut in problem.cuts.items() if name in of_cuts}
     cuts = {**problem.cuts, **stressed}
     return replace(problem, prestress=prestress, cuts=cuts, remarks=remarks).with_classes()
 

@@ -11,8 +11,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory
+from latin_fmu.results.bolt_results import bolt_report
 from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
-from latin_fmu.results.sensors import TensionEnd, bolt_report
+from latin_fmu.results.sensors import TensionEnd
 from latin_fmu.results.sentences import WIDTH, sentences
 from latin_fmu.results.solution import Solution
 from latin_fmu.results.spectra import ShockSpectrum

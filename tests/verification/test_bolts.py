@@ -279,8 +279,8 @@ def test_merged_assembly_carries_the_bolts() -> None:
     force = sum(history[-1] * load.pattern for history, load in zip(amplitudes, model.loads, strict=True))
     u = p @ spsolve(sp.csc_array(p.T @ model.stiffness @ p), p.T @ force)
     bolts = problem.output.bolts
-    told = {n: bolts[n].terms[f"bolt.{n}"] * bolts[n].description.shortening for n in ("left", "right")}
-    forces = [told[n] - bolts[n].pattern @ u[merged.where[n]] for n in ("left", "right")]
+    told = {n: bolts[n].tension_term(f"bolt.{n}") * bolts[n].description.shortening for n in ("left", "right")}
+    forces = [told[n] - (bolts[n].pattern @ u[merged.where[n]])[0] for n in ("left", "right")]
     assert forces == pytest.approx([4000.0, 3000.0], rel=1e-6)
 
 
@@ -454,6 +454,31 @@ def test_torque_gives_a_force(files: dict[str, Path], factor: float | None) -> N
     assert f"N of 6 N m, nut factor {factor or 0.2:g}, mean stress" in line
 
 
+def test_torque_and_frictions_give_a_force_and_a_torsion(files: dict[str, Path]) -> None:
+    """R13/1 of VDI 2230-1, by hand: M8 with friction 0.12 and a bearing surface from 9 to 11.63 mm; M_G is
+    F (0.16 P + 0.58 d_2 mu); the clamp length is that between the seats."""
+    data = joint(files)
+    screw = {
+        "torque": 6.0,
+        "thread": "M8",
+        "thread_friction": 0.12,
+        "head_friction": 0.1,
+        "head_bearing": [9e-3, 11.63e-3],
+    }
+    data["bolt"]["b"] = {"substructure": "bolt", "axis": [0, 0, 1], **screw}
+    thread, head = 0.16 * 1.25e-3 + 0.58 * 7.188e-3 * 0.12, 0.05 * 10.315e-3
+    scene = scene_from_dict(data)
+    solution = solve(scene)
+    bolt = solution.bolts["b"]
+    assert bolt.tightening[-1] == pytest.approx(6.0 / (thread + head), rel=1e-4)
+    report = solution.report()["bolts"]["b"]
+    # 0.58 stands for 1.155 / 2
+    assert report["assembly_torsion"] == pytest.approx(bolt.tightening[-1] * thread, rel=5e-3)
+    assert report["clamp_length"] == pytest.approx(20e-3)
+    line = next(line for line in check(scene) if line.startswith("  bolt b:"))
+    assert "N of 6 N m, friction 0.12 of the thread and 0.1 under the head, mean stress" in line
+
+
 def test_check_and_explain_tell_of_bolts(files: dict[str, Path]) -> None:
     """Section, stress and shortening in the lines of the command check; an effect of the command explain."""
     scene = scene_from_dict(moving(files))
@@ -484,6 +509,14 @@ REFUSED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("substructure.bolt", {"initial_velocity": [0, 0, 1.0]}, ("bolt.b.substructure", "[0, 0, 1.0]", "at rest")),
     ("time", {"start": "given"}, ("time.start", "bolts are tightened")),
     ("material.steel", {"yield_stress": 100e6}, ("bolt.b", "5000 N / 4.53721e-05 m2", "1.102e+08 Pa", "1e+08 Pa")),
+    ("bolt.b", {"thread_friction": 0.12}, ("bolt.b.thread_friction", "needs its size", "0.12")),
+    (
+        "bolt.b",
+        {"force": None, "torque": 5.0, "thread": "M8", "thread_friction": 0.12, "nut_factor": 0.2},
+        ("bolt.b.nut_factor", "stands for the friction", "one of the two"),
+    ),
+    ("bolt.b", {"head_friction": 0.1}, ("bolt.b.head_friction", "'torque' and 'thread_friction' alone")),
+    ("bolt.b", {"head_bearing": [9e-3, 8e-3]}, ("bolt.b.head_bearing", "no ring", "inner < outer")),
     ("bolt.b", {"thread": "M6.1"}, ("bolt.b.thread", "no metric or unified thread", "M6.1", "M10x1")),
     ("interface.plates", None, ("bolt.b.force", "nothing resists", "with upper")),
 ]
