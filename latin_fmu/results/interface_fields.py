@@ -345,7 +345,7 @@ def elastic_relative_motion(history: InterfaceHistory, time: Array) -> float:
             mean = 0.5 * (velocity[1:] + velocity[:-1])
         motion = np.cumsum(mean * np.diff(time)[:, None], axis=0)
         motion -= (motion @ basis) @ basis.T
-        largest = max(largest, float(np.linalg.norm(motion.reshape(len(motion), -1, 3), axis=2).max(initial=0.0)))
+        largest = max(largest, float(np.linalg.norm(motion.reshape(-1, len(x), 3), axis=2).max(initial=0.0)))
     return largest
 
 
