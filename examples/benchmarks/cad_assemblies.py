@@ -120,20 +120,20 @@ def figures(step: Path, stem: Path, finer: float) -> OneMesh:
     )
 
 
-def report(name: str, coarse: OneMesh, fine: OneMesh | None) -> None:
-    """Print the figures of an assembly."""
-    for label, one in (("as it comes", coarse), (f"finer by {FINER}", fine)):
-        if one is None:
-            continue
-        trust = "" if one.trusted else ", NOT TRUSTWORTHY"
-        print(
-            f"{name}, {label}: {one.unknowns:,} unknowns of contacts, {one.memory}, meshing {one.meshing:.0f} s, "
-            f"run {one.run:.0f} s{trust}"
-        )
-        print(f"  tension: largest change {_list(one.largest)} N, at the end {_list(one.last)} N")
-        print(f"  modes: {_list(one.modes)} Hz", flush=True)
-    if fine is None:
-        return
+def show(name: str, label: str, one: OneMesh) -> OneMesh:
+    """Print the figures of one mesh, which are long in coming."""
+    trust = "" if one.trusted else ", NOT TRUSTWORTHY"
+    print(
+        f"{name}, {label}: {one.unknowns:,} unknowns of contacts, {one.memory}, meshing {one.meshing:.0f} s, "
+        f"run {one.run:.0f} s{trust}"
+    )
+    print(f"  tension: largest change {_list(one.largest)} N, at the end {_list(one.last)} N")
+    print(f"  modes: {_list(one.modes)} Hz", flush=True)
+    return one
+
+
+def compare(coarse: OneMesh, fine: OneMesh) -> None:
+    """Print how far the figures of two meshes are apart."""
     scale = fine.largest.max()
     print(
         f"  apart: largest change {np.abs(coarse.largest - fine.largest).max() / scale:.1%}, end "
@@ -163,9 +163,10 @@ def main() -> None:
                 step = folder / f"{name}.step"
                 command = [sys.executable, "-m", "tests.cad.assemblies", name, str(step)]
                 subprocess.run(command, check=True, cwd=ROOT, capture_output=True)
-            coarse = figures(step, folder / f"{step.stem}_1", 1.0)
-            fine = None if options.coarse_alone else figures(step, folder / f"{step.stem}_2", FINER)
-            report(step.stem, coarse, fine)
+            coarse = show(step.stem, "as it comes", figures(step, folder / f"{step.stem}_1", 1.0))
+            if not options.coarse_alone:
+                fine = figures(step, folder / f"{step.stem}_2", FINER)
+                compare(coarse, show(step.stem, f"finer by {FINER}", fine))
 
 
 if __name__ == "__main__":
