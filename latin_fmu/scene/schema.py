@@ -20,6 +20,7 @@ from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of
+from .limits import Limit, limit_problems, range_problems, useless_keys
 from .loads import Load, load_problems, load_unit
 from .materials import MaterialTable, material_problems
 from .overrides import apply_overrides, no_number, number_at, with_value
@@ -207,6 +208,7 @@ _CHECKS: Final = (
     bolt_problems,
     _unit_problems,
     sensor_problems,
+    limit_problems,
     port_problems,
     attachment_problems,
     settings_problems,
@@ -276,6 +278,9 @@ class Scene(SceneTable):
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name")] = Field(default_factory=dict)
     coupling: Annotated[dict[Name, CouplingTable], about("couplings by name")] = Field(default_factory=dict)
     sensor: Annotated[dict[Name, Sensor], about("sensors by name")] = Field(default_factory=dict)
+    limit: Annotated[dict[Name, Limit], about("limits by name, that the run is judged by")] = Field(
+        default_factory=dict
+    )
     port: Annotated[dict[Name, Port], about("faces connected to other models, by name")] = Field(default_factory=dict)
     initial_state: Annotated[InitialStateTable | None, about("initial state of bodies from an earlier run")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
@@ -327,7 +332,7 @@ class Scene(SceneTable):
                 problems += _relation_problems(written, base_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
         problems = unreadable or _relation_problems(written, base_dir)
-        problems = problems or history_problems(scene)
+        problems = problems or history_problems(scene) + range_problems(scene.limit, scene.time.time_step)
         problems = problems or _named_numbers(scene)
         if problems:
             raise SceneError(problems, _HEADING)
@@ -471,6 +476,9 @@ class Scene(SceneTable):
         data = self.model_dump(exclude_none=True)
         for table in (*data["interface"].values(), *data["contact"].values()):
             for key in MEANINGLESS.get(table["behaviour"], ()):
+                table.pop(key, None)
+        for table in data["limit"].values():
+            for key in useless_keys(table):
                 table.pop(key, None)
         return data
 
