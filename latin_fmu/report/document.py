@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import xarray as xr
@@ -10,7 +9,7 @@ import xarray as xr
 from ..effects.explanation import explain
 from ..errors import InputError, Problem, ResultsError
 from ..pictures.assembly_picture import assembly_figure
-from ..reader import scene_from_dict
+from ..reader import stored_scene
 from ..results.summary import stored_summary
 from ..scene.schema import Scene
 from .markup import picture, whole_page
@@ -53,8 +52,8 @@ def _refused(tree: xr.DataTree, what: str, remedy: str) -> ResultsError:
 def _content(tree: xr.DataTree, folder: Path) -> RunContent:
     summary = stored_summary(tree)
     try:
-        scene = scene_from_dict(tomllib.loads(str(tree.attrs["scene"])), folder)
-    except (InputError, tomllib.TOMLDecodeError) as error:
+        scene = stored_scene(str(tree.attrs["scene"]), folder)
+    except InputError as error:
         return RunContent(tree, summary, None, f"the scene of the file cannot be read: {_said(error)}")
     try:
         return _built(tree, scene)

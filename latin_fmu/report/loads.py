@@ -36,14 +36,14 @@ def varies(history: ActingHistory) -> bool:
 def load_rows(scene: Scene, histories: list[ActingHistory]) -> list[tuple[str, ...]]:
     """Table of what acts: key of the scene, quantity, where, law, largest value and when."""
     rows: list[tuple[str, ...]] = [("acts", "quantity", "on", "law", "largest", "at")]
-    laws = {where: law for where, law, _, _ in laws_of(scene)}
+    laws = {_owner(where): law for where, law, _, _ in laws_of(scene)}
     for history in histories:
         i = int(np.abs(history.values).argmax())
         law = laws[history.name]
         kind = "constant" if isinstance(law, ConstantLaw) else str(getattr(law, "type", "law"))
         when = readable(float(history.time[i]), "s", 3) if varies(history) else "always"
         largest = readable(float(history.values[i]), history.unit)
-        rows.append((_owner(history.name), history.what, _place(scene, history.name), kind, largest, when))
+        rows.append((history.name, history.what, _place(scene, history.name), kind, largest, when))
     return rows
 
 
@@ -53,7 +53,7 @@ def _owner(where: str) -> str:
 
 def _place(scene: Scene, where: str) -> str:
     """Face or body that a law acts on, as the scene has it."""
-    kind, _, rest = _owner(where).partition(".")
+    kind, _, rest = where.partition(".")
     table = getattr(scene, kind, None)
     if isinstance(table, dict) and rest in table:
         found = table[rest]
@@ -71,7 +71,7 @@ def _history(scene: Scene, where: str, law: object, unit: str, size: float) -> A
         spectrum = _spectrum(values, float(time[1]), unit, law)
     what = words_for(unit).removeprefix("an ").removeprefix("a ")
     shown, of = units.shown(unit), units.shown(_ACCELERATION)
-    return ActingHistory(where, what, shown, time, values, spectrum, of, _specified(law))
+    return ActingHistory(_owner(where), what, shown, time, values, spectrum, of, _specified(law))
 
 
 def _spectrum(values: Array, step: float, unit: str, law: object) -> ShockSpectrum | None:

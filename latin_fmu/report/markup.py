@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,8 +49,9 @@ def table(rows: Sequence[Sequence[str]], heads: int = 1, bad: Callable[[Sequence
     """
     if len(rows) <= heads:
         return Html("")
-    head = "".join(f"<tr>{_cells(row, 'th')}</tr>" for row in rows[:heads])
-    lines = (f"<tr{_class('bad' if bad and bad(row) else '')}>{_cells(row, 'td')}</tr>" for row in rows[heads:])
+    numeric = [all(_NUMBER.match(cell) for cell in column) for column in zip(*rows[heads:], strict=True)]
+    head = "".join(f"<tr>{_cells(row, 'th', numeric)}</tr>" for row in rows[:heads])
+    lines = (_line(_cells(row, "td", numeric), bad is not None and bad(row)) for row in rows[heads:])
     wide = _class("wide" if len(rows[0]) > _MOST_COLUMNS else "")
     return Html(f"<table{wide}><thead>{head}</thead><tbody>{''.join(lines)}</tbody></table>")
 
@@ -60,8 +62,7 @@ _MOST_COLUMNS: Final = 7  # in the size of the text; more have smaller letters
 def named_texts(rows: Iterable[Sequence[str]], bad: Callable[[Sequence[str]], bool] | None = None) -> Html:
     """Names with a text each, as a table without head."""
     lines = [
-        f"<tr{_class('bad' if bad and bad(row) else '')}><th>{escaped(row[0])}</th><td>{escaped(row[1])}</td></tr>"
-        for row in rows
+        _line(f"<th>{escaped(row[0])}</th><td>{escaped(row[1])}</td>", bad is not None and bad(row)) for row in rows
     ]
     return Html(f'<table class="named"><tbody>{"".join(lines)}</tbody></table>' if lines else "")
 
@@ -75,8 +76,19 @@ def picture(figure: Figure, caption: str) -> Html:
     return Html(f"<figure>{image}<figcaption>{words}</figcaption></figure>")
 
 
-def _cells(row: Sequence[str], tag: str) -> str:
-    return "".join(f"<{tag}>{escaped(cell)}</{tag}>" for cell in row)
+def _line(cells: str, bad: bool) -> str:
+    return f"<tr{_class('bad' if bad else '')}>{cells}</tr>"
+
+
+_NUMBER: Final = re.compile(r"$|-$|\(?[-+<>]*\s?\d|max \d")
+"""Begin of what is aligned to the right."""
+
+
+def _cells(row: Sequence[str], tag: str, numeric: Sequence[bool]) -> str:
+    """Cells of a row; a number stays with its unit."""
+    texts = (escaped(re.sub(r"(?<=\d) (?=[^\W\dx]|%)", "\N{NO-BREAK SPACE}", cell)) for cell in row)
+    pairs = zip(texts, numeric, strict=True)
+    return "".join(f"<{tag}{_class('number' if right else '')}>{text}</{tag}>" for text, right in pairs)
 
 
 def _class(look: str) -> str:

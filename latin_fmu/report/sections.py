@@ -271,7 +271,9 @@ def _sensors(of: RunContent) -> Iterator[Html]:
             unit = unit_of(stored["spectrum"], "m s-2")
             yield picture(limit_figure(stored, name, unit), f"Limit {name}: {stored.attrs['state']}")
     if spectra := stored_spectra(of.tree):
-        drawn = spectra_figure(spectra, units=of.units, shock=shock_axis(of.tree))
+        axis = shock_axis(of.tree)
+        along = None if axis is None else "xyz"[axis]
+        drawn = spectra_figure(spectra, along, of.units)
         yield picture(drawn, "Shock response spectra of the sensors")
     if (figure := part_figure(of.tree, "sensors")) is not None:
         yield picture(figure, "Motions of the sensors")
@@ -290,7 +292,7 @@ def _interfaces(of: RunContent) -> Iterator[Html]:
         yield picture(result_figure(of.tree), "Deformed bodies at the instant of the largest force on an interface")
         if of.rows("stresses"):
             yield named_texts(of.rows("stresses"))
-            look = Look(stress="von-mises")
+            look = Look(stress="von_mises")
             yield picture(result_figure(of.tree, look=look), "Von Mises stress at the instant of its largest value")
 
 

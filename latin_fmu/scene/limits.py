@@ -15,7 +15,6 @@ from .laws import base_dir_of
 from .number_files import SpectralUnit, factor, unit_problem
 from .raw_scene import RawTable, exactly_one, given, named_tables, number, reference_problems, single_table
 from .sensors import spectrum_problems, with_quality
-from .specifications import read_breakpoints
 from .unit_texts import names_for
 from .units import UnitSystem
 
@@ -102,6 +101,8 @@ def _with_values(data: dict[str, Any], base_dir: Path, system: UnitSystem) -> di
 
     Raises the refusal of the table: no breakpoints, a file that has none, a unit of something else.
     """
+    from .specifications import read_breakpoints  # loads the filters of SciPy
+
     of, file, unit = UNIT_OF[data.get("kind", "acceleration")], data.get("file"), data.get("unit")
     if isinstance(unit, str) and (what := unit_problem(unit, of)) is not None:
         raise refusal(f"unit: {what}", value=unit, allowed=names_for(of))

@@ -42,6 +42,9 @@ from .unit_texts import names_for, si_unit, words_for
 from .unit_values import Misfit, in_scene_units, value_in_scene_units
 from .units import SystemName, UnitSystem, system_named
 
+WITHOUT_MESHES: Final = "without_meshes"
+"""Key of the context of a scene whose mesh files may be away."""
+
 
 def toml_text(data: Mapping[str, Any]) -> str:
     """TOML of a scene: plain values first, then [table] and [table.name]; deeper tables stay inline."""
@@ -216,9 +219,9 @@ _CHECKS: Final = (
 )
 
 
-def _relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
+def _relation_problems(raw: Any, base_dir: Path | None) -> list[Problem]:
     """All problems between keys and tables of a scene as written, so that one message lists everything, beside those of
-    single fields: a value that is wrong by itself is ignored here."""
+    single fields: a value that is wrong by itself is ignored here. base_dir : of mesh files, None: they may be away."""
     return [*substructure_problems(raw, base_dir), *(problem for check in _CHECKS for problem in check(raw))]
 
 
@@ -313,6 +316,8 @@ class Scene(SceneTable):
         base_dir = base_dir_of(info.context)
         if isinstance(data, Scene):
             base_dir = data.base_dir
+        # where mesh files must be; a scene that is read for its tables alone does without
+        mesh_dir = None if entry(info.context, WITHOUT_MESHES) else base_dir
         numbers, unreadable = _with_numbers(cls, raw)
         places = {problem.where for problem in unreadable}
         written, unread = _with_parts(numbers, base_dir, info.context)
@@ -329,9 +334,9 @@ class Scene(SceneTable):
             if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
                 problems = [p for p in problems if not _of_parts(p)] + unreadable
             else:
-                problems += _relation_problems(written, base_dir) + unreadable
+                problems += _relation_problems(written, mesh_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
-        problems = unreadable or _relation_problems(written, base_dir)
+        problems = unreadable or _relation_problems(written, mesh_dir)
         problems = problems or history_problems(scene) + range_problems(scene.limit, scene.time.time_step)
         problems = problems or _named_numbers(scene)
         if problems:
