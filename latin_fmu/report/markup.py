@@ -103,7 +103,7 @@ class PageSection:
     parts: list[Html] = field(default_factory=list)
 
     def add(self, *parts: Html) -> None:
-        """Append parts."""
+        """Put parts at the end; empty ones are left out."""
         self.parts += [part for part in parts if part]
 
     def html(self, number: int) -> str:

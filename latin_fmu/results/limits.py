@@ -57,7 +57,7 @@ class Judged(ABC):
 
     @abstractmethod
     def group(self, units: UnitSystem) -> StoredGroup:
-        """Group ``limits/NAME``."""
+        """Group ``limits/NAME`` of the results file, labelled in a system of units."""
 
     def _attributes(self, units: UnitSystem) -> dict[str, Any]:
         return {"limit": self.limit, "of": self.of, "state": self.state, "sentence": self.clause(units)}
