@@ -478,14 +478,18 @@ class Scene(SceneTable):
     def tables(self) -> dict[str, Any]:
         """The effective scene as tables (fresh ones), of the shape that ``scene_from_dict`` reads."""
         # TOML has no value for None
-        data = self.model_dump(exclude_none=True)
-        for table in (*data["interface"].values(), *data["contact"].values()):
-            for key in MEANINGLESS.get(table["behaviour"], ()):
-                table.pop(key, None)
-        for table in data["limit"].values():
-            for key in useless_keys(table):
-                table.pop(key, None)
-        return data
+        return _without_meaningless(self.model_dump(exclude_none=True))
+
+
+def _without_meaningless(data: dict[str, Any]) -> dict[str, Any]:
+    """Tables of a scene, in place, without the defaults of keys that mean nothing beside the others."""
+    for table in (*data["interface"].values(), *data["contact"].values()):
+        for key in MEANINGLESS.get(table["behaviour"], ()):
+            table.pop(key, None)
+    for table in data["limit"].values():
+        for key in useless_keys(table):
+            table.pop(key, None)
+    return data
 
 
 def _named_numbers(scene: Scene) -> list[Problem]:
