@@ -425,7 +425,7 @@ def _without(*paths: str) -> Edit:
 
 
 def _bonded(table: str, name: str) -> Edit:
-    keys = ("sides", "bodies", "search", "except", "points_from", "ground", "ground_velocity")
+    keys = ("sides", "bodies", "search", "except", "points_from", "points_at", "ground", "ground_velocity")
 
     def edit(tables: Tables) -> None:
         row = tables[table][name]

@@ -20,6 +20,7 @@ DECK = one_block(block((0.0, 0.0, 0.0), (10.0, 10.0, 40.0), (1, 1, 2))) + STEEL 
 LOAD = "*CLOAD\nTOP, 3, 100.\n"
 
 
+@pytest.mark.slow
 def test_a_folder_of_decks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reference that is 2 % larger, packed; a deck with plasticity."""
     folder = tmp_path / "folder"
@@ -31,8 +32,8 @@ def test_a_folder_of_decks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     [found] = printed_blocks(deck.prints, latin_fmu.solve(latin_fmu.scene_from_dict(dict(deck.tables), folder)))
     reference = dat_text([DatBlock(found.kind, found.target, found.time, found.labels, 1.02 * found.values)])
     (folder / "runs.dat.ref.gz").write_bytes(gzip.compress(reference.encode()))
-    monkeypatch.setattr(sys, "argv", ["decks.py", str(folder), "-o", str(tmp_path)])
-    importlib.import_module("decks").main()
+    monkeypatch.setattr(sys, "argv", ["calculix_decks.py", str(folder), "-o", str(tmp_path)])
+    importlib.import_module("calculix_decks").main()
     with (tmp_path / "decks.csv").open() as file:
         bent, ran = csv.DictReader(file)
     assert bent["deck"] == "bent"
@@ -52,7 +53,7 @@ def test_displacements_of_a_result_file() -> None:
         " -1         3 1.00000E-03-2.00000E-03 0.00000E+00\n -3\n"
         " -4  STRESS      6    1\n -1         3 1.00000E+00 1.00000E+00 1.00000E+00\n -3\n"
     )
-    [found] = importlib.import_module("decks").displacements_of_frd(text)
+    [found] = importlib.import_module("calculix_decks").displacements_of_frd(text)
     assert (found.time, found.labels.tolist()) == (0.5, [[3]])
     assert found.values.tolist() == [[1e-3, -2e-3, 0.0]]
     assert read_dat("") == []

@@ -152,6 +152,7 @@ def shaken(files: dict[str, Path]) -> dict[str, Solution]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("march", ["contacts", "direct", "modal"])
 def test_marches_read_the_sections_of_their_motion(
     files: dict[str, Path], shaken: dict[str, Solution], march: str
