@@ -157,7 +157,7 @@ class Solution:
         groups |= limit_groups(self.limits, self.units)
         if self.bodies:
             groups["/model"] = model_group(self.bodies)
-        groups["/summary"] = summary_group(self._parts())
+        groups["/summary"] = summary_group(self._parts)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group(self.units)
         if self.sensitivities is not None:
@@ -224,8 +224,9 @@ class Solution:
             "supports": reaction_rows(outcome, units),
         }
 
+    @cached_property
     def _parts(self) -> dict[str, Any]:
-        """Sentences and tables of the summary by name, for the file."""
+        """Sentences and tables of the summary by name, for the file; once, as writing it adds to the cost."""
         outcome, units = self.outcome, self.units
         parts: dict[str, Any] = {
             "sentences": self._sentences(),
