@@ -54,7 +54,7 @@ class Limit(SceneTable):
         None
     )
     frequencies: Annotated[Series, about("breakpoints: increasing", "Hz")] = ()
-    values: Annotated[Series, about("limits at these, in `unit` or in the units of the scene")] = ()
+    values: Annotated[Series, about("limits at these, in `unit` or in the units of the scene", "1")] = ()
     file: Annotated[
         Text, about("file with two columns, frequency in Hz and limit, instead; its header or `unit` names the unit")
     ] = ""
