@@ -14,7 +14,7 @@ from ..scene.histories import laws_of
 from ..scene.laws import ConstantLaw, SrsLaw, sampled
 from ..scene.readable_numbers import readable
 from ..scene.schema import Scene, faces_of
-from ..scene.sensors import Spectrum
+from ..scene.sensors import Spectrum, highest_frequency
 from ..scene.unit_texts import words_for
 from ..shock.specification import Specification
 
@@ -81,7 +81,7 @@ def _spectrum(values: Array, step: float, unit: str, law: object) -> ShockSpectr
     elif unit != _ACCELERATION:
         return None
     quality = float(getattr(law, "quality", 10.0))
-    request = Spectrum(quality=quality)
+    request = Spectrum(quality=quality, highest=highest_frequency(step))
     frequencies = request.frequencies(step, step * (len(values) - 1))
     if not frequencies:
         return None

@@ -16,7 +16,7 @@ import xarray as xr
 
 import latin_fmu
 from latin_fmu.cli import main
-from latin_fmu.report import document, markup, sections
+from latin_fmu.report import document, loads, markup, sections
 from latin_fmu.report.document import report_page
 from latin_fmu.results.bolt_margins import CHECKS
 from latin_fmu.results.bolt_results import safety_text
@@ -201,6 +201,14 @@ def test_limits_are_judged() -> None:
     assert "limit mild" not in red
     stored = datasets_of(solution().to_datatree(), "limits")["low"]
     assert float((stored["spectrum"] / stored["allowed"]).max()) == judged["low"]["factor"]
+
+
+def test_base_motion_has_its_spectrum() -> None:
+    (history,) = loads.acting(latin_fmu.scene_from_dict(description()))
+    assert history.spectrum is not None
+    assert history.spectrum.frequency[-1] == pytest.approx(4e4)
+    expected = shock_response_spectrum(history.values, 1e-5, [4e4], interpolation=LINES).acceleration[0, 0]
+    assert history.spectrum.acceleration[0, -1] == pytest.approx(expected)
 
 
 def test_texts_of_users_are_escaped() -> None:
