@@ -34,7 +34,7 @@ PARTS = {
     "Joints": ("interface", "contact", "bolt", "spring", "coupling", "point_mass"),
     "Loads and supports": ("load", "boundary", "gravity", "port"),
     "Time and solver": ("time", "motion", "initial_state", "solver", "effects", "accuracy"),
-    "Sensors and output": ("sensor", "output", "fmu"),
+    "Sensors and output": ("sensor", "limit", "output", "fmu"),
 }
 """Tables of a scene by the page of the reference that describes them."""
 SHARED = ("figures", "example_tools", "harness", "calculix")

@@ -13,7 +13,7 @@ from .assembly.models import KeptOperators
 from .assembly.supports import port_lines
 from .attempts import standing_run
 from .building import discretise
-from .checks.mesh_checks import body_lines
+from .checks.mesh_checks import body_lines, body_sizes
 from .effects.cost import Prediction, check_memory, memory_line, memory_need
 from .interface import Behaviour
 from .latin.assembly import InterfaceUnit
@@ -91,6 +91,8 @@ def solve(
         scene.name,
         recovered=run.problem.recovered,
         sensor_tables=scene.sensor,
+        limit_tables=scene.limit,
+        bodies=body_sizes(ready.prediction.discretised.bodies),
         surfaces=scene.output.surfaces,
         units=scene.unit_system,
         truncation=truncation,

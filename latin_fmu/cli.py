@@ -33,6 +33,7 @@ COMMANDS: Final = MappingProxyType(
         "scene": "cad",
         "plot": "describe",
         "view": "describe",
+        "report": "report",
         "reference": "describe",
         "demo": "describe",
         "cost": "studies",

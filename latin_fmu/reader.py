@@ -19,7 +19,7 @@ from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
 from .scene.overrides import key_lines
 from .scene.raw_scene import chosen_type, given, named_tables, single_table
-from .scene.schema import Scene, with_settings
+from .scene.schema import WITHOUT_MESHES, Scene, with_settings
 from .scene.substructures import ALL, MeshParts, part_name
 from .scene.units import SI, UnitSystem, system_named
 
@@ -93,12 +93,29 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     >>> latin_fmu.scene_from_dict(scene.tables(), scene.base_dir) == scene
     True
     """
+    return _validated(data, base_dir, {})
+
+
+def stored_scene(text: str, base_dir: str | Path | None = None) -> Scene:
+    """The scene of a results file, by its text; files of its meshes may be away, until its bodies are built.
+
+    Raises SceneError with every problem found.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError([Problem("scene", f"not TOML: {error}")], "the scene of the file cannot be read") from None
+    return _validated(data, base_dir, {WITHOUT_MESHES: True})
+
+
+def _validated(data: Any, base_dir: str | Path | None, more: dict[str, Any]) -> Scene:
     if not isinstance(data, dict):
         raise SceneError([Problem("scene", "a scene must be a table", type(data).__name__)], "the scene cannot be used")
     if _deeper_than(MOST_LEVELS, data):
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used")
     try:
         context = {"base_dir": Path(base_dir or ""), "with_parts": with_files, "units": system_named(data.get("units"))}
+        context |= more
         return Scene.model_validate(data, context=context)
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None

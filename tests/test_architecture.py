@@ -54,7 +54,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("attempts",),
     ("api",),
     ("accuracy",),
-    ("cosim", "stability", "parametric", "calibration"),
+    ("cosim", "stability", "parametric", "calibration", "report"),
     ("model_exchange", "aot"),
     ("commands",),
     ("cli",),

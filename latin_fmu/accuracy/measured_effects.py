@@ -328,7 +328,7 @@ def _switches(scene: Scene, solution: Solution) -> Iterator[Switch]:
     if spectra:
         yield Switch("spectra", f"without {', '.join(spectra)}", _without(*spectra))
     if scene.sensor:
-        yield Switch("sensors", "without [sensor.NAME]", _without("sensor"))
+        yield Switch("sensors", "without [sensor.NAME]", _without("sensor", "limit"))
 
 
 def _of_interfaces(scene: Scene, solution: Solution) -> Iterator[Switch]:
@@ -459,7 +459,7 @@ def _static(tables: Tables) -> None:
     """Without inertia there are no rates: no damping, no accelerations of sensors."""
     tables["time"]["quasi_static"] = True
     rates = [f"material.*.{key}" for key in (*DAMPING_KEYS, "at_frequency")]
-    _without("time.scheme", "time.start", "sensor.*.spectrum", "sensor.*.filter", *rates)(tables)
+    _without("time.scheme", "time.start", "sensor.*.spectrum", "sensor.*.filter", "limit", *rates)(tables)
 
 
 def _left_out(name: str) -> Edit:

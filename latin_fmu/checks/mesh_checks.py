@@ -25,6 +25,7 @@ from ..fem.elements import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark
+from ..results.model import BodySize
 from ..scene.attachments import places_of
 from ..scene.boundaries import (
     AXES,
@@ -188,15 +189,25 @@ def _mass(body: Body) -> float:
     return float(body.rigid_motions.mass[0, 0])
 
 
-def body_lines(bodies: Mapping[str, Body]) -> list[str]:
-    """One line for each body: size of its bounding box, volume, mass, nodes and cells."""
-    lines = []
+def body_sizes(bodies: Mapping[str, Body]) -> dict[str, BodySize]:
+    """Size, volume, mass, nodes and cells of each body."""
+    sizes = {}
     for name, body in bodies.items():
-        size, units = " x ".join(f"{length:.4g}" for length in body.mesh.extent()), body.units
         kinds: Counter[str] = Counter()
         for block in body.mesh.blocks:
             kinds[block.cell_type] += len(block.cells)
-        cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        extent = tuple(float(length) for length in body.mesh.extent())
+        volume = float(body.shape.elements.volume.sum())
+        sizes[name] = BodySize(extent, volume, _mass(body), body.mesh.n_node, dict(kinds))
+    return sizes
+
+
+def body_lines(bodies: Mapping[str, Body]) -> list[str]:
+    """One line for each body: size of its bounding box, volume, mass, nodes and cells."""
+    lines, found = [], body_sizes(bodies)
+    for name, body in bodies.items():
+        of, units = found[name], body.units
+        size = " x ".join(f"{length:.4g}" for length in of.extent)
         # one component: all mass
         if body.added is None:
             added = 0.0
@@ -206,9 +217,8 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
             masses = f" ({added:.4g} {units['kg']} in point masses)"
         else:
             masses = ""
-        volume = float(body.shape.elements.volume.sum())
-        sizes = f"{size} {units['m']}, {volume:.6g} {units['m3']}, {_mass(body):.6g} {units['kg']}{masses}"
-        lines.append(f"  body {name}: {sizes}, {body.mesh.n_node} nodes, {cells}")
+        sizes = f"{size} {units['m']}, {of.volume:.6g} {units['m3']}, {of.mass:.6g} {units['kg']}{masses}"
+        lines.append(f"  body {name}: {sizes}, {of.nodes} nodes, {of.cell_types}")
     return lines
 
 

@@ -356,9 +356,10 @@ def srs(options: SrsOptions) -> int:
     from ..results.export import acceleration_unit
     from ..results.files import open_results, readable, write_netcdf
     from ..results.groups import in_units, units_of
-    from ..results.sensors import spectrum_lines
+    from ..results.sensors import spectrum_rows
     from ..results.spectra import as_csv, shock_axis, spectrum_group
     from ..results.writing import write_bytes
+    from ..scene.readable_numbers import aligned
 
     stem = options.output or options.results.with_name(f"{options.results.stem}_srs")
     file = options.results
@@ -373,8 +374,8 @@ def srs(options: SrsOptions) -> int:
             units = units.with_g
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         dataset = _tree(tree, {name: group.dataset() for name, group in groups.items()})
-    lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
-    tell(options.json, lines, lambda: {name: group.report() for name, group in groups.items()})
+    rows = spectrum_rows({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
+    tell(options.json, aligned(rows) if rows else [], lambda: {name: group.report() for name, group in groups.items()})
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
     write_netcdf(dataset, targets[1])
     save_figure(spectra_figure(spectra, options.along, units, shock), targets[2])

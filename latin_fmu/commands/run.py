@@ -36,6 +36,7 @@ from . import (
 )
 from .decks import Units, exact_lines, is_deck_file, told_scene, write_printed
 from .options import Option, command
+from .report import check_report, write_report
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
@@ -50,7 +51,8 @@ examples:
   latin-fmu run scene.toml
   latin-fmu run bracket.inp --units mm-t-s --exact
   latin-fmu run scene.toml -o out.nc --set solver.tolerance=1e-4 --set output.fields=true --vtk for_paraview
-  latin-fmu run scene.toml --json > report.json
+  latin-fmu run scene.toml --json > run.json
+  latin-fmu run scene.toml --report report.html
   latin-fmu run scene.toml -o out.nc --checkpoint 10min --resume
   latin-fmu run scene.toml --accuracy 1% --set accuracy.quantity=crush.first_contact
 
@@ -115,6 +117,10 @@ class SolveOptions(OfScene):
             "FIGURE",
             read=output_file,
         ),
+    ] = None
+    report: Annotated[
+        Path | None,
+        Option("also write a report as one HTML page, as latin-fmu report OUT.nc does", "FILE.html", read=output_file),
     ] = None
     checkpoint: Annotated[
         Interval | None,
@@ -193,7 +199,7 @@ def _distributed(options: SolveOptions, signals: StopSignals, processes: Process
     with processes.agreed():
         if first:
             written: list[str] = []
-            lost = _write(solution, target, options, written)
+            lost = _write(solution, target, options, written, scene.base_dir)
             _show(solution, options, written, None, lost)
     return _code(solution, solution.trustworthy, options)
 
@@ -214,6 +220,8 @@ def _checked_outputs(scene: Scene, options: SolveOptions) -> Path:
 
         check_figure_path(options.figure)
         check_target(options.figure)
+    if options.report is not None:
+        check_report(options.report, "--report")
     return target
 
 
@@ -256,7 +264,7 @@ def _run_alone(options: SolveOptions, signals: StopSignals, deck: ImportedDeck |
     # a signal does not interrupt the writing: it ends the process with its code below
     signals.noted = True
     with Waiting("writing the results", quiet=options.quiet):
-        lost = _write(solution, target, options, written, deck)
+        lost = _write(solution, target, options, written, scene.base_dir, deck)
     if deck is not None and options.exact:
         written += exact_lines(deck, solution, options.scene.parent)
     # after the results are written: they are read from it
@@ -289,9 +297,15 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
 
 
 def _write(
-    solution: Solution, target: Path, options: SolveOptions, written: list[str], deck: ImportedDeck | None = None
+    solution: Solution,
+    target: Path,
+    options: SolveOptions,
+    written: list[str],
+    folder: Path,
+    deck: ImportedDeck | None = None,
 ) -> list[Problem]:
-    """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
+    """Write the outputs, and a line on each to ``written``; problems of those that could not be. ``folder`` : of the
+    scene."""
     from ..results.writing import UnwrittenError
 
     lost: list[Problem] = []
@@ -324,6 +338,11 @@ def _write(
             with closing(open_results(target)) as tree:
                 save_figure(summary_figure(tree), figure)
             written.append(f"figure: {figure}")
+        except UnwrittenError as error:
+            lost += error.problems
+    if options.report is not None and not lost:
+        try:
+            written.append(f"report: {write_report(target, options.report, folder)}")
         except UnwrittenError as error:
             lost += error.problems
     return lost

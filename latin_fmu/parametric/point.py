@@ -63,7 +63,7 @@ _FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. load.pr
 _RANGE: Final = re.compile(r"\s*([^:,\[\]\"'{}]+):([^:,\[\]\"'{}]+):\s*([0-9]+)\s*")
 _HEADING: Final = "the study cannot be made"
 _NO_FIELDS: Final = ("fields", "stress", "nodal_stress", "principal_stress", "strain", "surfaces")
-_OUTSIDE_OPERATORS: Final = ("interface", "contact", "load", "boundary", "sensor", "output")
+_OUTSIDE_OPERATORS: Final = ("interface", "contact", "load", "boundary", "sensor", "limit", "output")
 """Tables whose keys change no operator as a rule: the parameters that vary fastest."""
 
 Index = tuple[int, ...]

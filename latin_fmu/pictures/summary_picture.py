@@ -211,6 +211,53 @@ class _Panel:
     title: str | None = None
 
 
+PART_NAMES: Final = ("interfaces", "sensors", "bolts", "energy", "convergence")
+"""Parts of the summary figure."""
+
+
+@styled
+def part_figure(tree: xr.DataTree, part: str) -> Figure | None:
+    """One of the ``PART_NAMES`` of the summary figure alone; None where the run has none of it."""
+    from matplotlib.figure import Figure
+
+    groups = _shown_interfaces(tree)
+    scale = _time_axis(tree, groups)
+    strips = []
+    if part == "interfaces":
+        strips = _strips(groups, scale)
+        panels = _force_panels(groups, scale, _errors(tree)) + strips
+    elif part == "sensors":
+        panels = _sensor_panels(tree, scale)
+    elif part == "bolts":
+        panels = _bolt_panels(tree, scale)
+    elif part == "energy":
+        panels = _energy_panels(tree, scale)
+    else:
+        panels = _convergence_panels(tree, scale)
+    if not panels:
+        return None
+    figure = Figure(figsize=(7.6, sum(panel.height for panel in panels) + 0.5), layout="constrained")
+    drawn: SubFigure = figure.subfigures(1, 1, squeeze=False).flat[0]
+    _draw_column(drawn, panels)
+    if part == "interfaces" and len(groups) > FEW:
+        _legend(drawn, drawn.axes[0], "outside upper center", "interfaces")
+    if strips:
+        _legend(drawn, drawn.axes[-1], "outside lower center")
+    return figure
+
+
+def _shown_interfaces(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """Interfaces that may open; bonded faces carry what their bodies carry, and are drawn where nothing may."""
+    groups = datasets_of(tree, "interfaces")
+    return {name: dataset for name, dataset in groups.items() if "contact_status" in dataset} or groups
+
+
+def _time_axis(tree: xr.DataTree, groups: Mapping[str, xr.Dataset]) -> TimeAxis:
+    timed = [*groups.values(), *(d for kind in ("sensors", "bolts") for d in datasets_of(tree, kind).values())]
+    end = max((float(dataset["time"].values[-1]) for dataset in timed), default=1.0)
+    return TimeAxis(*prefix_for(end, "s", figure=True))
+
+
 @styled
 def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
     """Forces and contact states of the interfaces, motions and spectra of sensors, tension of bolts and, when present,
@@ -222,12 +269,8 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    groups = datasets_of(tree, "interfaces")
-    # bonded faces carry what their bodies carry: they are drawn where nothing may open
-    groups = {name: dataset for name, dataset in groups.items() if "contact_status" in dataset} or groups
-    timed = [*groups.values(), *(d for kind in ("sensors", "bolts") for d in datasets_of(tree, kind).values())]
-    end = max((float(dataset["time"].values[-1]) for dataset in timed), default=1.0)
-    scale = TimeAxis(*prefix_for(end, "s", figure=True))
+    groups = _shown_interfaces(tree)
+    scale = _time_axis(tree, groups)
     forces, strips = _force_panels(groups, scale, _errors(tree)), _strips(groups, scale)
     rest = (
         _sensor_panels(tree, scale) + _spectrum_panels(tree) + _bolt_panels(tree, scale) + _energy_panels(tree, scale)

@@ -70,31 +70,53 @@ def _not_told(bolt: BoltHistory, margins: BoltMargins) -> list[str]:
 
 def margin_lines(outcome: Outcome) -> list[str]:
     """Table of the safeties of the bolts, and what was not found; none where there is no margin."""
-    found = {name: BoltMargins.of(bolt, outcome.interfaces) for name, bolt in outcome.bolts.items()}
+    if rows := margin_rows(outcome):
+        return aligned(rows) + [f"  {name}: {sentence}" for name, sentence in margin_notes(outcome)]
+    return []
+
+
+def margin_rows(outcome: Outcome) -> list[tuple[str, ...]]:
+    """Rows of that table, the first two its head; none where there is no margin."""
+    found = _margins(outcome)
     checks = [check for check in CHECKS if any(check in of.margins for of in found.values())]
     if not checks:
         return []
     # clauses below the heads of the columns
-    rows = [("bolt, safety of", *(CHECKS[check][1] for check in checks))]
+    rows: list[tuple[str, ...]] = [("bolt, safety of", *(CHECKS[check][1] for check in checks))]
     rows.append(("VDI 2230-1", *(CHECKS[check][0].partition(" ")[0] for check in checks)))
     for name, of in found.items():
         rows.append((name, *(_safety(of.margins.get(check)) for check in checks)))
+    return rows
+
+
+def margin_notes(outcome: Outcome) -> list[tuple[str, str]]:
+    """What was not found: names of bolts, and a sentence."""
     told: dict[str, list[str]] = {}
-    for name, of in found.items():
+    for name, of in _margins(outcome).items():
         for sentence in _not_told(outcome.bolts[name], of):
             told.setdefault(sentence, []).append(name)
-    return aligned(rows) + [f"  {', '.join(names)}: {sentence}" for sentence, names in told.items()]
+    return [(", ".join(names), sentence) for sentence, names in told.items()]
+
+
+def _margins(outcome: Outcome) -> dict[str, BoltMargins]:
+    return {name: BoltMargins.of(bolt, outcome.interfaces) for name, bolt in outcome.bolts.items()}
 
 
 def _safety(margin: BoltMargin | None) -> str:
-    """A safety as printed; of what is never asked for a dash."""
-    if margin is None or np.isnan(margin.safety):
+    if margin is None:
         return "-"
-    if not np.isfinite(margin.safety) or margin.safety > _LARGE:
+    return safety_text(margin.check, margin.safety)
+
+
+def safety_text(check: str, safety: float) -> str:
+    """A safety as printed, of separation as a share; of what is never asked for a dash."""
+    if np.isnan(safety):
+        return "-"
+    if not np.isfinite(safety) or safety > _LARGE:
         return f"> {_LARGE:g}"
-    if margin.check == "separation":
-        return percent(margin.safety)
-    return f"{margin.safety:.3g}"
+    if check == "separation":
+        return percent(safety)
+    return f"{safety:.3g}"
 
 
 def section_report(bolt: BoltHistory) -> dict[str, Any]:
@@ -117,7 +139,26 @@ def section_report(bolt: BoltHistory) -> dict[str, Any]:
     }
 
 
-def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
+_SECTION_HEADS: Final = {
+    "axial": ("largest tension", "N"),
+    "shear": ("shear", "N"),
+    "bending": ("bending", "N m"),
+    "torsion": ("torsion", "N m"),
+    "edge_stress": ("stress at the edge", "Pa"),
+}
+
+
+def section_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, ...]]:
+    """Table of the sections of the shanks with their largest forces, moments and stresses; none where there is none."""
+    rows: list[tuple[str, ...]] = [("bolt", "section", *(head for head, _ in _SECTION_HEADS.values()))]
+    for name, bolt in outcome.bolts.items():
+        for section, of in section_report(bolt).items():
+            sizes = (readable(of[key], units.label(unit)) for key, (_, unit) in _SECTION_HEADS.items())
+            rows.append((name, section, *sizes))
+    return rows if len(rows) > 1 else []
+
+
+def bolt_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, ...]]:
     """Table of the bolts: tension when tightened, at the start, smallest and largest, largest stress and the section
     that it is of, shortening."""
     head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "stress", "over", "shortening"
@@ -128,9 +169,7 @@ def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         tensions = (readable(force, units.label("N")) for force in forces)
         numbers = (*tensions, readable(stress, units.label("Pa")), bolt.thread or "mesh", shortening)
         rows.append((name, bolt.substructure, str(bolt.order), *numbers))
-    if len(rows) > 1:
-        return aligned(rows)
-    return []
+    return rows if len(rows) > 1 else []
 
 
 def bolt_report(outcome: Outcome) -> dict[str, Any]:

@@ -148,13 +148,13 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """Text of one row a quantity, then the remarks."""
-        head = "estimated error", "value", "error", "order (expected)"
         notes = ["", *("  only a bound" if q.bound_only and q.error > FLOOR else "" for q in self.quantities)]
-        table = [
-            f"{line.strip()}{note}"
-            for line, note in zip(aligned([head, *(_row(q, units) for q in self.quantities)]), notes, strict=True)
-        ]
+        table = [f"{line.strip()}{note}" for line, note in zip(aligned(self.rows(units)), notes, strict=True)]
         return table + [f"  note: {note}" for note in self.notes]
+
+    def rows(self, units: UnitSystem = SI) -> list[tuple[str, ...]]:
+        """Table of the quantities with their errors."""
+        return [("estimated error", "value", "error", "order (expected)"), *(_row(q, units) for q in self.quantities)]
 
     def group(self, units: UnitSystem = SI) -> StoredGroup:
         """Group ``accuracy``: one entry a quantity."""

@@ -343,6 +343,26 @@ MARGINS: Final = rows(
     clause | - | check | step and equation of VDI 2230-1:2015
     """
 )
+LIMIT: Final = rows(
+    """
+    spectrum | m s-2 | frequency | spectrum of the sensor, unit of its kind
+    allowed  | m s-2 | frequency | limit, unit of the kind of the spectrum
+    safety   | 1     |           | safety of the bolt
+    least    | 1     |           | smallest safety that is allowed
+    """
+)
+"""Of a limit that a run is judged by."""
+MODEL: Final = rows(
+    """
+    mass       | kg | substructure           | mass of the body, point masses included
+    volume     | m3 | substructure           | volume of the elements
+    extent     | m  | substructure component | size of the bounding box
+    node_count | 1  | substructure           | number of nodes
+    cell_count | 1  | substructure           | number of elements
+    cell_types | -  | substructure           | number of elements by type
+    """
+)
+"""Of the bodies."""
 BOLT_END: Final = rows(
     "end_force | N | | tension at the end | mean over the last periods where it still oscillates, else the last value"
 )

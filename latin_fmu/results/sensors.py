@@ -11,7 +11,7 @@ import numpy as np
 from ..latin.outcome import Array, Outcome, SensorHistory
 from ..scene.quantity_table import BOUNDARY, FLOOR
 from ..scene.quantity_table import SENSOR as OF_SENSOR
-from ..scene.readable_numbers import aligned, percent, readable, readable_vector
+from ..scene.readable_numbers import percent, readable, readable_vector
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
 from .filters import low_pass, uniform_step
@@ -99,16 +99,14 @@ def reaction_groups(outcome: Outcome) -> dict[str, StoredGroup]:
     }
 
 
-def reaction_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
+def reaction_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, ...]]:
     """Table of the largest reactions."""
     rows: list[tuple[str, ...]] = [("boundary", "on", "largest reaction", "at", "last (x, y, z)")]
     for name, history in outcome.reactions.items():
         largest, when = largest_of(history.force, outcome.time)
         last = readable_vector([float(x) for x in history.force[-1]], units.label("N"))
         rows.append((name, history.face, readable(largest, units.label("N")), readable(when, "s"), last))
-    if len(rows) > 1:
-        return aligned(rows)
-    return []
+    return rows if len(rows) > 1 else []
 
 
 def reaction_report(outcome: Outcome) -> dict[str, Any]:
@@ -249,7 +247,7 @@ def loss_text(tension: Array, end: float) -> str:
     return f"{percent(-lost)} gained"
 
 
-def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
+def sensor_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, ...]]:
     """Table of the largest motions of the sensors."""
     heads = (f"largest {row.meaning.partition(' of ')[0]}" for row in SENSOR.values())
     rows: list[tuple[str, ...]] = [("sensor", "on", *heads, "at")]
@@ -262,12 +260,10 @@ def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         # the highest derivative there is: of a quasi-static run the displacement
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
-    if len(rows) > 1:
-        return aligned(rows)
-    return []
+    return rows if len(rows) > 1 else []
 
 
-def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI) -> list[str]:
+def spectrum_rows(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI) -> list[tuple[str, ...]]:
     """Table of the largest values of shock response spectra."""
     rows: list[tuple[str, ...]] = [("spectrum of", "Q", "frequencies", "largest maximax", "at", "along")]
     for name, s in spectra.items():
@@ -275,9 +271,7 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
         ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
         largest = readable(float(s.acceleration[0, i, axis]), units.shown("m s-2"))
         rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
-    if len(rows) > 1:
-        return aligned(rows)
-    return []
+    return rows if len(rows) > 1 else []
 
 
 def sensor_report(outcome: Outcome) -> dict[str, Any]:

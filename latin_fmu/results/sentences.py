@@ -58,7 +58,19 @@ def sentences(
     spectra: Mapping[str, ShockSpectrum] | None = None,
     requests: Mapping[str, Sensor] | None = None,
 ) -> list[str]:
-    """Lines of text on each interface, bolt, sensor and support of a run, beginning with its name.
+    """Lines of text on each interface, bolt, sensor and support of a run, beginning with its name: ``sentence_rows``
+    below each other."""
+    return named_lines(sentence_rows(outcome, units, estimate, spectra, requests))
+
+
+def sentence_rows(
+    outcome: Outcome,
+    units: UnitSystem = SI,
+    estimate: ErrorEstimate | None = None,
+    spectra: Mapping[str, ShockSpectrum] | None = None,
+    requests: Mapping[str, Sensor] | None = None,
+) -> list[tuple[str, str]]:
+    """Name and text of each interface, bolt, sensor and support of a run.
 
     Errors are relative estimates; ``at most`` where they are only a bound. Instants are those of the estimate where
     there is one, so that one instant has one value everywhere. requests : tables of the sensors in the scene, whose
@@ -84,7 +96,7 @@ def sentences(
     static = any(h.quasi_static for h in outcome.interfaces.values())
     static |= any(h.acceleration is None for h in outcome.sensors.values())
     lines += [(f"support {name}", _support(h, outcome.time, units, static)) for name, h in outcome.reactions.items()]
-    return named_lines([(name, "; ".join(clauses)) for name, clauses in lines])
+    return [(name, "; ".join(clauses)) for name, clauses in lines]
 
 
 def named_lines(rows: Sequence[tuple[str, str]]) -> list[str]:

@@ -12,19 +12,23 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from ..latin.outcome import Outcome
 from ..machine import provenance
+from ..scene.limits import Limit
+from ..scene.readable_numbers import aligned
 from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
-from .bolt_results import bolt_lines, bolt_report, margin_lines
+from .bolt_results import bolt_report, bolt_rows, margin_lines, margin_notes, margin_rows, section_rows
 from .dataset import Recovered, datatree, result_blocks, result_groups, root_group
 from .estimates import ErrorEstimate, TruncationError
 from .files import write_groups
 from .groups import StoredGroup, in_units
-from .sensors import reaction_lines, reaction_report, sensor_lines, sensor_report, spectra_of, spectrum_lines
-from .sentences import named_lines, sentences, wrapped
+from .limits import Judged, judged, limit_groups, limit_rows
+from .model import BodySize, model_group
+from .sensors import reaction_report, reaction_rows, sensor_report, sensor_rows, spectra_of, spectrum_rows
+from .sentences import named_lines, sentence_rows, wrapped
 from .spectra import ShockSpectrum
-from .stresses import BodyStresses, body_stresses, stress_rows
+from .stresses import BodyStresses, body_stresses, largest_body, stress_rows
+from .summary import course_rows, interface_rows, report, summary_group
 from .summary import details as details_of
-from .summary import report
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,6 +63,8 @@ class Solution:
     estimate : estimated error of each quantity; None where it was not computed.
     recovered : requests for more fields of substructures, computed when the results are written.
     sensor_tables : tables of the sensors in the scene, with their filters and spectra.
+    limit_tables : limits of the scene, that the run is judged by.
+    bodies : sizes of the bodies by name, stored in results files.
     surfaces : whether results hold pressure and slip of the interfaces.
     units : system of units of the scene, which labels the results.
     sensitivities : derivatives by parameters of the scene; None where none are requested.
@@ -81,6 +87,8 @@ class Solution:
     estimate: ErrorEstimate | None = None
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
     sensor_tables: Mapping[str, Sensor] = field(default_factory=dict)
+    limit_tables: Mapping[str, Limit] = field(default_factory=dict)
+    bodies: Mapping[str, BodySize] = field(default_factory=dict)
     surfaces: bool = False
     units: UnitSystem = SI
     sensitivities: Sensitivities | None = None
@@ -131,6 +139,11 @@ class Solution:
         """Largest stresses at the nodes by body, where the scene requests them (``output.nodal_stress``)."""
         return body_stresses(self.outcome, self.recovered)
 
+    @cached_property
+    def limits(self) -> dict[str, Judged]:
+        """Limits of the scene beside what the run has, by name."""
+        return judged(self.outcome, self.limit_tables)
+
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
         return datatree(self._groups(), self.scene_name)
@@ -141,6 +154,10 @@ class Solution:
             errors = self.estimate.spectra
         groups = {"/": root_group(self.outcome, self.scene_name, self.scene_text, self.provenance)}
         groups |= result_groups(self.outcome, self.recovered, self.sensor_tables, errors, self.surfaces, streamed)
+        groups |= limit_groups(self.limits, self.units)
+        if self.bodies:
+            groups["/model"] = model_group(self.bodies)
+        groups["/summary"] = summary_group(self._parts)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group(self.units)
         if self.sensitivities is not None:
@@ -168,13 +185,15 @@ class Solution:
         self.timings.output += clock.process_time() - start
 
     def summary(self, details: bool = False) -> str:
-        """Text: status and remarks, a sentence on each interface, bolt, sensor and support, cost.
+        """Text: status and remarks, a sentence on each interface, bolt, sensor, support and limit, cost.
 
         details : also the course of the iteration, energies, tables of the same, and all estimated errors.
         """
         lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
-        if said := sentences(self.outcome, self.units, self.estimate, self.spectra, self.sensor_tables):
-            lines += ["", *said]
+        if said := self._sentences():
+            lines += ["", *named_lines(said)]
+        if self.limits:
+            lines += ["", *named_lines(limit_rows(self.limits, self.units))]
         if margins := margin_lines(self.outcome):
             lines += ["", *margins]
         if self.stresses:
@@ -183,20 +202,56 @@ class Solution:
             lines += ["", *self.sensitivities.lines(self.units)]
         if self.bands is not None:
             lines += ["", *self.bands.lines(self.units)]
-        lines += ["", *self._cost()]
+        lines += ["", *(line for row in self._cost() for line in wrapped(*row))]
         if details:
-            lines += ["", *details_of(self.outcome, self.units), *self._sensor_lines()]
+            lines += ["", *details_of(self.outcome, self.units)]
+            lines += [line for rows in self._tables().values() if rows for line in ("", *aligned(rows))]
             if self.estimate is not None:
                 lines += ["", *self.estimate.lines(self.units)]
         return "\n".join(lines)
+
+    def _sentences(self) -> list[tuple[str, str]]:
+        return sentence_rows(self.outcome, self.units, self.estimate, self.spectra, self.sensor_tables)
+
+    def _tables(self) -> dict[str, list[tuple[str, ...]]]:
+        """Tables of bolts, sensors and supports."""
+        outcome, units = self.outcome, self.units
+        return {
+            "bolts": bolt_rows(outcome, units),
+            "sections": section_rows(outcome, units),
+            "sensors": sensor_rows(outcome, units),
+            "spectra": spectrum_rows(self.spectra, units),
+            "supports": reaction_rows(outcome, units),
+        }
+
+    @cached_property
+    def _parts(self) -> dict[str, Any]:
+        """Sentences and tables of the summary by name, for the file; once, as writing it adds to the cost."""
+        outcome, units = self.outcome, self.units
+        parts: dict[str, Any] = {
+            "sentences": self._sentences(),
+            "limits": limit_rows(self.limits, units),
+            "margins": margin_rows(outcome),
+            "margin_notes": margin_notes(outcome),
+            "stresses": stress_rows(self.stresses, units),
+            "course": course_rows(outcome, units),
+            "largest_stress": largest_body(self.stresses),
+            "cost": self._cost(),
+            "interfaces": interface_rows(outcome, units),
+        }
+        if self.estimate is not None:
+            parts["accuracy"] = self.estimate.rows(units)
+        if self.bands is not None:
+            parts["bands"] = self.bands.lines(units)
+        return parts | self._tables()
 
     def _repr_html_(self) -> str:
         """The summary, for notebooks."""
         return f"<pre>{html.escape(self.summary())}</pre>"
 
-    def _cost(self) -> list[str]:
-        """CPU time and memory of the run and of its estimate, with what that does not cover."""
-        text = f"  cost  {self.timings.total:.3g} s of CPU"
+    def _cost(self) -> list[tuple[str, str]]:
+        """CPU time and memory of the run and of its estimate, with what that does not cover: name and text."""
+        text = f"{self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
             text += f", error estimate by coarser runs {self.estimate.cpu:.2g} s"
         remarks = []
@@ -207,14 +262,8 @@ class Solution:
             remarks.append(
                 f"time integration by {marched}; its error, estimated from fewer modes: {self.truncation.in_words()}"
             )
-        notes = (line for remark in remarks for line in wrapped("note", remark))
-        return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]
-
-    def _sensor_lines(self) -> list[str]:
-        outcome, units = self.outcome, self.units
-        sensors = sensor_lines(outcome, units), spectrum_lines(self.spectra, units)
-        tables = bolt_lines(outcome, units), *sensors, reaction_lines(outcome, units)
-        return [line for table in tables if table for line in ("", *table)]
+        text += f"; peak memory {self.timings.peak_memory / 1e6:.0f} MB"
+        return [("cost", text), *(("note", remark) for remark in remarks)]
 
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of
@@ -231,6 +280,8 @@ class Solution:
             sensors |= {"bolts": bolt_report(self.outcome)}
         if self.stresses:
             sensors |= {"stresses": {name: found.report() for name, found in self.stresses.items()}}
+        if self.limits:
+            sensors |= {"limits": {name: of.report() for name, of in self.limits.items()}}
         if self.sensitivities is not None:
             sensors |= {"sensitivities": self.sensitivities.report(self.units)}
         if self.bands is not None:

@@ -24,15 +24,13 @@ from ..scene.boundaries import DRIVEN
 from ..scene.readable_numbers import readable
 from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
-from ..shock.oscillators import RESPONSES, largest_responses
+from ..shock.oscillators import KINDS, RESPONSES, largest_responses
 from .groups import StoredGroup, children_of
 from .quantities import AXES, LABELS, SPECTRUM, named
 
 if TYPE_CHECKING:
     import xarray as xr
 
-KINDS: Final = ("acceleration", "pseudo_velocity", "relative_displacement", "equivalent_static_acceleration")
-"""Spectra of ISO 18431-4, attributes of a ``ShockSpectrum``."""
 Interpolation = Literal["band", "lines"]
 BAND: Final = "band"
 LINES: Final = "lines"
@@ -57,6 +55,7 @@ class ShockSpectrum:
     Attributes
     ----------
     frequency : (n,), Hz. quality : Q of the oscillators.
+    A field or property for each of ``KINDS``.
     acceleration : (5, n, ...) largest magnitude of the absolute acceleration, rows ``RESPONSES``, unit of the input.
     pseudo_velocity : (5, n, ...) largest magnitude of omega z, that unit times s.
     interpolation : of the samples: ``BAND``, ``LINES`` or ``LARGER``.

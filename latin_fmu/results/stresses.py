@@ -143,6 +143,17 @@ def largest_principal(stress: Array, mises: Array) -> tuple[int, float]:
     return int(candidates[best]), float(values[best])
 
 
+def largest_body(found: Mapping[str, BodyStresses]) -> str | None:
+    """The body with the largest von Mises stress of the run, away from edges of contacts where there is any; None
+    without stresses."""
+
+    def size(name: str) -> float:
+        largest = found[name].run["von_mises"]
+        return (largest.away or largest.everywhere).stress
+
+    return max(found, key=size, default=None)
+
+
 def stress_rows(found: Mapping[str, BodyStresses], units: UnitSystem) -> list[tuple[str, str]]:
     """Name and text of every body: the largest von Mises stress with and without cells at edges of contacts, where and
     when; both at the start, too, and of the largest principal stress."""

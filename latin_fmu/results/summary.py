@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, Timing
 from ..scene.quantity_table import FIRST_CONTACT, INTERFACE, PEAK_FORCE, PEAK_FORCE_RAW, RUN, SEPARATION
 from ..scene.readable_numbers import aligned, readable, readable_vector
 from ..scene.units import SI, UnitSystem
-from .groups import finite
+from .groups import StoredGroup, finite
 from .interface_fields import InterfaceFields, largest_slip_share, sticks
 from .owner_records import InterfaceRecord, reported
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def report(outcome: Outcome) -> dict[str, Any]:
@@ -76,6 +80,16 @@ def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
 
 def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Lines on the course of the iteration, penetration, energy, balance and cost, and a table of the interfaces."""
+    rows = course_rows(outcome, units)
+    width = max(len(label) for label, _ in rows)
+    lines = [f"  {label:<{width}}  {text}" for label, text in rows]
+    if outcome.interfaces:
+        lines += ["", *aligned(interface_rows(outcome, units))]
+    return lines
+
+
+def course_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, str]]:
+    """Name and text of the course of the iteration, penetration, energy, balance and cost."""
     rows = [
         ("iterations", _iterations(outcome)),
         ("passes", f"{outcome.passes:.3g} (substructure-instants solved / substructures x instants)"),
@@ -91,11 +105,7 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
         (name, outcome.settings[name]) for name in ("propagator", "bonds", "operators") if name in outcome.settings
     ]
     rows.append(("CPU", _cpu(outcome)))
-    width = max(len(label) for label, _ in rows)
-    lines = [f"  {label:<{width}}  {text}" for label, text in rows]
-    if outcome.interfaces:
-        lines += ["", *_table(outcome, units)]
-    return lines
+    return rows
 
 
 def _penetration(outcome: Outcome, units: UnitSystem) -> str:
@@ -174,10 +184,23 @@ def _cpu(outcome: Outcome) -> str:
     return f"{total:.3g} s ({parts}); peak memory {outcome.timings.peak_memory / 1e6:.0f} MB"
 
 
-def _table(outcome: Outcome, units: UnitSystem) -> list[str]:
+def interface_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, ...]]:
+    """Table of the interfaces, of its head alone where there are none."""
     head = ("interface", "behaviour", "peak force", "mean over", "raw peak", "impulse on side E (x, y, z)")
     more = ("first contact", "separation", "slipping area", "sqrt(eta)")
-    return aligned([(*head, *more), *(_row(outcome, history, units) for history in outcome.interfaces.values())])
+    return [(*head, *more), *(_row(outcome, history, units) for history in outcome.interfaces.values())]
+
+
+def summary_group(parts: Mapping[str, Any]) -> StoredGroup:
+    """Group ``summary``: sentences and tables of the summary, each as JSON."""
+    return StoredGroup({}, attrs={name: json.dumps(part) for name, part in parts.items()})
+
+
+def stored_summary(tree: xr.DataTree) -> dict[str, Any]:
+    """Sentences and tables of the summary of a results file; none of a file of an earlier version."""
+    if "summary" not in tree.children:
+        return {}
+    return {str(name): json.loads(text) for name, text in tree["summary"].attrs.items()}
 
 
 def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tuple[str, ...]:

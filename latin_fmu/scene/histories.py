@@ -97,10 +97,8 @@ class SceneHistory:
 
 def histories_of(scene: Any) -> list[SceneHistory]:
     """Histories from files and specifications of a scene."""
-    end = scene.time.end
-    return [
-        SceneHistory(w, law, unit, size, end) for w, law, unit, size in _laws(scene) if isinstance(law, CsvLaw | SrsLaw)
-    ]
+    acting = ((where, law, unit, size) for where, law, unit, size in laws_of(scene) if isinstance(law, CsvLaw | SrsLaw))
+    return [SceneHistory(*of, scene.time.end) for of in acting]
 
 
 def history_problems(scene: Any) -> list[Problem]:
@@ -115,7 +113,7 @@ def _norm(values: Any) -> float:
 _DRIVEN: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}
 
 
-def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
+def laws_of(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
     """Place of every law, the law, unit and size of what it multiplies."""
     for name, load in scene.load.items():
         yield f"load.{name}.law", load.law, load.unit, abs(load.amount)

@@ -90,6 +90,9 @@ TimeUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(valu
 ValueUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, *MULTIPLIED))]
 AccelerationUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m s-2"))]
 LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m"))]
+SPECTRAL: Final = ("m s-2", "m s-1", "m")
+"""Units (UDUNITS) of what shock response spectra are of."""
+SpectralUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, *SPECTRAL))]
 SpeedUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m s-1"))]
 
 

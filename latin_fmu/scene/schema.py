@@ -20,6 +20,7 @@ from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of
+from .limits import Limit, limit_problems, range_problems, useless_keys
 from .loads import Load, load_problems, load_unit
 from .materials import MaterialTable, material_problems
 from .overrides import apply_overrides, no_number, number_at, with_value
@@ -40,6 +41,9 @@ from .substructures import (
 from .unit_texts import names_for, si_unit, words_for
 from .unit_values import Misfit, in_scene_units, value_in_scene_units
 from .units import SystemName, UnitSystem, system_named
+
+WITHOUT_MESHES: Final = "without_meshes"
+"""Key of the context of a scene whose mesh files may be away."""
 
 
 def toml_text(data: Mapping[str, Any]) -> str:
@@ -207,6 +211,7 @@ _CHECKS: Final = (
     bolt_problems,
     _unit_problems,
     sensor_problems,
+    limit_problems,
     port_problems,
     attachment_problems,
     settings_problems,
@@ -214,9 +219,9 @@ _CHECKS: Final = (
 )
 
 
-def _relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
+def _relation_problems(raw: Any, base_dir: Path | None) -> list[Problem]:
     """All problems between keys and tables of a scene as written, so that one message lists everything, beside those of
-    single fields: a value that is wrong by itself is ignored here."""
+    single fields: a value that is wrong by itself is ignored here. base_dir : of mesh files, None: they may be away."""
     return [*substructure_problems(raw, base_dir), *(problem for check in _CHECKS for problem in check(raw))]
 
 
@@ -276,6 +281,9 @@ class Scene(SceneTable):
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name")] = Field(default_factory=dict)
     coupling: Annotated[dict[Name, CouplingTable], about("couplings by name")] = Field(default_factory=dict)
     sensor: Annotated[dict[Name, Sensor], about("sensors by name")] = Field(default_factory=dict)
+    limit: Annotated[dict[Name, Limit], about("limits by name, that the run is judged by")] = Field(
+        default_factory=dict
+    )
     port: Annotated[dict[Name, Port], about("faces connected to other models, by name")] = Field(default_factory=dict)
     initial_state: Annotated[InitialStateTable | None, about("initial state of bodies from an earlier run")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
@@ -308,6 +316,8 @@ class Scene(SceneTable):
         base_dir = base_dir_of(info.context)
         if isinstance(data, Scene):
             base_dir = data.base_dir
+        # where mesh files must be; a scene that is read for its tables alone does without
+        mesh_dir = None if entry(info.context, WITHOUT_MESHES) else base_dir
         numbers, unreadable = _with_numbers(cls, raw)
         places = {problem.where for problem in unreadable}
         written, unread = _with_parts(numbers, base_dir, info.context)
@@ -324,10 +334,10 @@ class Scene(SceneTable):
             if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
                 problems = [p for p in problems if not _of_parts(p)] + unreadable
             else:
-                problems += _relation_problems(written, base_dir) + unreadable
+                problems += _relation_problems(written, mesh_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
-        problems = unreadable or _relation_problems(written, base_dir)
-        problems = problems or history_problems(scene)
+        problems = unreadable or _relation_problems(written, mesh_dir)
+        problems = problems or history_problems(scene) + range_problems(scene.limit, scene.time.time_step)
         problems = problems or _named_numbers(scene)
         if problems:
             raise SceneError(problems, _HEADING)
@@ -468,11 +478,18 @@ class Scene(SceneTable):
     def tables(self) -> dict[str, Any]:
         """The effective scene as tables (fresh ones), of the shape that ``scene_from_dict`` reads."""
         # TOML has no value for None
-        data = self.model_dump(exclude_none=True)
-        for table in (*data["interface"].values(), *data["contact"].values()):
-            for key in MEANINGLESS.get(table["behaviour"], ()):
-                table.pop(key, None)
-        return data
+        return _without_meaningless(self.model_dump(exclude_none=True))
+
+
+def _without_meaningless(data: dict[str, Any]) -> dict[str, Any]:
+    """Tables of a scene, in place, without the defaults of keys that mean nothing beside the others."""
+    for table in (*data["interface"].values(), *data["contact"].values()):
+        for key in MEANINGLESS.get(table["behaviour"], ()):
+            table.pop(key, None)
+    for table in data["limit"].values():
+        for key in useless_keys(table):
+            table.pop(key, None)
+    return data
 
 
 def _named_numbers(scene: Scene) -> list[Problem]:

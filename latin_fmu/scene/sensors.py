@@ -52,6 +52,21 @@ _Filter = ChannelClass | LowPass
 Filter = Annotated[Annotated[_Filter, Field(discriminator="type")], by_type(_Filter, "cfc")]
 
 
+def with_quality(data: Any) -> Any:
+    """The keys of oscillators with the Q that follows from their damping.
+
+    Raises the refusal of the table: a Q that is another one.
+    """
+    if not isinstance(data, dict) or data.get("damping") is None:
+        return data
+    ratio = data["damping"]
+    if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0.0 < ratio < 1.0:
+        return data
+    if "quality" in data and not math.isclose(data["quality"], 0.5 / ratio):
+        raise refusal("Q and damping contradict each other", value=[data["quality"], ratio], remedy="omit one")
+    return data | {"quality": 0.5 / ratio}
+
+
 class Spectrum(SceneTable):
     """Shock response spectrum of the acceleration of a sensor: largest response of oscillators on it."""
 
@@ -72,14 +87,7 @@ class Spectrum(SceneTable):
     @model_validator(mode="before")
     @classmethod
     def _quality_of(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("damping") is None:
-            return data
-        ratio = data["damping"]
-        if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0.0 < ratio < 1.0:
-            return data
-        if "quality" in data and not math.isclose(data["quality"], 0.5 / ratio):
-            raise refusal("Q and damping contradict each other", value=[data["quality"], ratio], remedy="omit one")
-        return data | {"quality": 0.5 / ratio}
+        return with_quality(data)
 
     @model_validator(mode="after")
     def _check_range(self) -> Self:

@@ -16,35 +16,41 @@ from ..shock.specification import Specification, breakpoint_problems
 from .fields import refusal
 from .number_files import factor, number_table
 from .records import column_unit, named_unit
-from .unit_texts import names_for, si_unit
+from .unit_texts import names_for, si_unit, words_for
 from .units import UnitSystem
 
 _FREQUENCY: Final = "Hz"
+_EXAMPLE_UNITS: Final = {"m s-1": "m/s", "m": "mm"}  # of messages
 _NAMED = 6  # frequencies outside a specification in a message
 
 
-def read_breakpoints(base_dir: Path, name: str, unit: Any, system: UnitSystem) -> tuple[list[float], list[float]]:
-    """Frequencies, Hz, and accelerations, in units of the scene, of the breakpoints of a file.
+def read_breakpoints(
+    base_dir: Path, name: str, unit: Any, system: UnitSystem, of: str = "m s-2"
+) -> tuple[list[float], list[float]]:
+    """Frequencies, Hz, and values, in units of the scene, of the breakpoints of a file; ``of`` : their unit in SI
+    (UDUNITS), that of an acceleration unless said.
 
-    Raises the refusal of the law: lines that are no breakpoint, a unit that is missing or none of an acceleration.
+    Raises the refusal of the law: lines that are no breakpoint, a unit that is missing or one of something else.
     """
     table = number_table(base_dir, name)
-    along, of = (column_unit(table, i) for i in (0, 1))
+    along, head = (column_unit(table, i) for i in (0, 1))
+    what_of = words_for(of).removeprefix("an ").removeprefix("a ") + "s"
     if along and along.casefold() != _FREQUENCY.casefold():
-        raise refusal(f"the header gives the frequencies in {along[:20]}", allowed="two columns, Hz and acceleration")
+        raise refusal(f"the header gives the frequencies in {along[:20]}", allowed=f"two columns, Hz and {what_of}")
     if unit is None and system.measurable:
-        unit, what = named_unit(of, False), "the header names no unit"
-        if of:
-            what = f"the header gives the accelerations in {of[:20]}"
-        if not of or unit is None or si_unit(unit) != "m s-2":
-            what = f"the unit of the accelerations is unknown: {what}"
-            remedy = 'write unit = "g", or the header "frequency [Hz], acceleration [g]"'
-            raise refusal(what, allowed=names_for("m s-2"), remedy=remedy)
-    frequency, acceleration = (list(column) for column in zip(*table.rows, strict=True))
-    for row, what, value, allowed in breakpoint_problems(frequency, acceleration):
+        unit, what = named_unit(head, False), "the header names no unit"
+        if head:
+            what = f"the header gives the {what_of} in {head[:20]}"
+        if not head or unit is None or si_unit(unit) != of:
+            what = f"the unit of the {what_of} is unknown: {what}"
+            example = _EXAMPLE_UNITS.get(of, "g")
+            remedy = f'write unit = "{example}", or the header "frequency [Hz], {what_of[:-1]} [{example}]"'
+            raise refusal(what, allowed=names_for(of), remedy=remedy)
+    frequency, values = (list(column) for column in zip(*table.rows, strict=True))
+    for row, what, value, allowed in breakpoint_problems(frequency, values):
         raise refusal(f"line {table.lines[min(row, len(table.lines)) - 1]}: {what}", value=value, allowed=allowed)
     size = factor(unit, system)
-    return frequency, [size * a for a in acceleration]
+    return frequency, [size * v for v in values]
 
 
 @dataclass(frozen=True)

@@ -324,7 +324,7 @@ class Temperature(SceneTable):
 
 
 # -- checks of these tables with each other and with others ---
-def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
+def substructure_problems(raw: Any, base_dir: Path | None) -> Iterator[Problem]:
     """Problems of the substructures of a scene as written; their faces are checked with the meshes."""
     for name, table in named_tables(raw, "substructure").items():
         where = f"substructure.{name}"
@@ -341,7 +341,7 @@ def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
         if given(table, "modal_damping"):
             yield from _modal_problems(raw, where, table)
         file = entry(table.get("mesh"), "file")
-        if isinstance(file, str) and not _is_file(base_dir, file):
+        if isinstance(file, str) and base_dir is not None and not _is_file(base_dir, file):
             yield Problem(
                 f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
             )

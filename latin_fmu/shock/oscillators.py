@@ -23,7 +23,7 @@ either sign, during and after the pulse; without damping y = -omega^2 z.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 SAMPLES: Final = 32
 """Samples per period of an oscillator: a maximum between two of them is at most 0.5 % larger."""
-RESPONSES: Final = ("maximax", "primary", "residual", "positive", "negative")
+Response = Literal["maximax", "primary", "residual", "positive", "negative"]
+RESPONSES: Final[tuple[Response, ...]] = get_args(Response)
+"""Responses of ISO 18431-4: during or after the pulse, during, after, of either sign."""
+Kind = Literal["acceleration", "pseudo_velocity", "relative_displacement", "equivalent_static_acceleration"]
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+"""Spectra of ISO 18431-4."""
 _NOTHING: Final = 1e-9  # of the largest sample: what is below it at the end of a record is no part of the pulse
 _SERIES, _TERMS = 1.0, 40  # omega t up to which the ramp response is a power series, and its terms
 

@@ -20,12 +20,12 @@ HIGHEST_SHARE: Final = 0.45
 
 @dataclass(frozen=True)
 class Specification:
-    """A maximax spectrum of absolute acceleration.
+    """A maximax spectrum of absolute acceleration, or another one where a limit says so.
 
     Attributes
     ----------
-    frequency : (n,) of the breakpoints, increasing, Hz. acceleration : (n,) there, m s-2. quality : Q of the
-    oscillators.
+    frequency : (n,) of the breakpoints, increasing, Hz. acceleration : (n,) value of the spectrum there, m s-2 unless
+    it is another one. quality : Q of the oscillators.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def _faults(frequency: Array, acceleration: Array) -> Iterator[tuple[int, str, s
             before = f"{f:g} Hz after {frequency[i - 1]:g} Hz"
             yield i + 1, "frequencies do not increase", before, "breakpoints in the order of their frequencies"
         if not (np.isfinite(a) and a > 0.0):
-            yield i + 1, "the acceleration is not positive", f"{a:g}", "an acceleration > 0"
+            yield i + 1, "the value is not positive", f"{a:g}", "a value > 0"
 
 
 def breakpoint_problems(frequency: Sequence[float], acceleration: Sequence[float]) -> list[tuple[int, str, str, str]]:

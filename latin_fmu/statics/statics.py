@@ -462,7 +462,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["solver"] = {"max_iterations": _MOST, **same}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
-    for key in ("sensor", "accuracy", "output", "bolt", "spread", "damping", "motion"):
+    for key in ("sensor", "limit", "accuracy", "output", "bolt", "spread", "damping", "motion"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)
 

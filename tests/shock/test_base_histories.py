@@ -174,7 +174,7 @@ def test_a_law_drives_a_base_by_its_specification(tmp_path: Path) -> None:
         ("f [kHz],a [g]\n1,20\n2,300\n", "gives the frequencies in kHz"),
         ("f [Hz],a [g]\n100,20\n50,300\n", "line 3: frequencies do not increase"),
         ("f [Hz],a [g]\n\n0,20\n50,300\n", "line 3: the frequency is not positive"),
-        ("f [Hz],a [g]\n10,20\n50,-3\n", "line 3: the acceleration is not positive"),
+        ("f [Hz],a [g]\n10,20\n50,-3\n", "line 3: the value is not positive"),
         ("f [Hz],a [g]\n10,20\n", "two breakpoints or more"),
     ],
 )
