@@ -175,7 +175,8 @@ def _strength(bolt: BoltHistory, screw: ScrewData, missing: list[str]) -> Iterat
         yield _fatigue(bolt, screw, stresses, bolt.sections.number(THREAD))
     for end, area_under in (("head", screw.head), ("nut", screw.nut)):
         if area_under is None:
-            missing.append(f"no pressure under the {end}: no seat was found; give {end}_bearing")
+            why = "no seat was found" if end == "head" else "no seat of a nut was found, and a tapped hole has none"
+            missing.append(f"no pressure under the {end}: {why}; else give {end}_bearing")
             continue
         pressure, permitted = max(largest, tight) / area_under, screw.permissible_pressure
         if permitted is None:

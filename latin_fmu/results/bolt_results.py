@@ -9,7 +9,7 @@ import numpy as np
 
 from ..latin.outcome import BoltHistory, Outcome
 from ..scene.quantity_table import BOLT as OF_BOLT
-from ..scene.readable_numbers import aligned, percent, readable
+from ..scene.readable_numbers import aligned, readable
 from ..scene.units import SI, UnitSystem
 from .bolt_margins import CHECKS, BoltMargin, BoltMargins, SectionStresses
 from .groups import StoredGroup, finite
@@ -71,8 +71,19 @@ def _not_told(bolt: BoltHistory, margins: BoltMargins) -> list[str]:
 def margin_lines(outcome: Outcome) -> list[str]:
     """Table of the safeties of the bolts, and what was not found; none where there is no margin."""
     if rows := margin_rows(outcome):
-        return aligned(rows) + [f"  {name}: {sentence}" for name, sentence in margin_notes(outcome)]
+        below = [f"  below 1: {text}" for text in _below_one(outcome)]
+        return aligned(rows) + below + [f"  {name}: {sentence}" for name, sentence in margin_notes(outcome)]
     return []
+
+
+def _below_one(outcome: Outcome) -> list[str]:
+    """Safeties below 1 that are no shares, in words."""
+    return [
+        f"{name}, {CHECKS[margin.check][0]}: {margin.safety:.3g}"
+        for name, of in _margins(outcome).items()
+        for margin in of.margins.values()
+        if margin.check != "separation" and margin.safety < 1.0
+    ]
 
 
 def margin_rows(outcome: Outcome) -> list[tuple[str, ...]]:
@@ -115,7 +126,7 @@ def safety_text(check: str, safety: float) -> str:
     if not np.isfinite(safety) or safety > _LARGE:
         return f"> {_LARGE:g}"
     if check == "separation":
-        return percent(safety)
+        return f"{100.0 * safety:.3g} %"  # three digits: a joint keeps all of its clamp force but a little
     return f"{safety:.3g}"
 
 

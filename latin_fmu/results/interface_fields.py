@@ -356,6 +356,10 @@ def friction_used(history: InterfaceHistory, fields: InterfaceFields) -> float:
     return float((friction_resultant(fields)[loaded] / normal[loaded]).max(initial=0.0) / history.mu)
 
 
+_NO_SLIP: Final = 1e-12
+"""Slip over the size of a face that is round-off: of a joint that is tightened and then left alone."""
+
+
 def sticks(history: InterfaceHistory, fields: InterfaceFields, time: Array) -> bool:
     """Whether a joint with friction sticks: nearly no point ever slips; or friction stays below its limit as a whole at
     every instant, and no point slips by more than ``STUCK`` times the largest elastic relative motion."""
@@ -364,6 +368,8 @@ def sticks(history: InterfaceHistory, fields: InterfaceFields, time: Array) -> b
     if friction_used(history, fields) > AS_A_WHOLE:
         return False
     slid = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max(initial=0.0))
+    if slid < _NO_SLIP * float(np.linalg.norm(np.ptp(history.points, axis=0))):
+        return True
     return slid < STUCK * elastic_relative_motion(history, time)
 
 

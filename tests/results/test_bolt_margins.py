@@ -19,6 +19,7 @@ import pytest
 from latin_fmu.latin.bolt_sections import ClampedFace, ScrewData, ShankSections
 from latin_fmu.latin.outcome import BoltHistory, InterfaceHistory
 from latin_fmu.results.bolt_margins import BoltMargins, SectionStresses
+from latin_fmu.results.bolt_results import safety_text
 from latin_fmu.results.bolt_strength import (
     endurance,
     endurance_limit,
@@ -215,3 +216,11 @@ def test_pressure_under_head_and_nut() -> None:
     assert margins["pressure_head"].safety == pytest.approx(900.0 / 392.6, rel=1e-3)
     plain = BoltMargins.of(history([140.3e3], [(0, 0)], screw=replace(data, permissible_pressure=None)), {})
     assert math.isnan(plain.margins["pressure_head"].safety)
+
+
+def test_safeties_are_printed_with_three_digits() -> None:
+    """Nearly all of a clamp force is 100 %, not a power of ten."""
+    assert safety_text("separation", 0.9996) == "100 %"
+    assert safety_text("separation", 0.8512) == "85.1 %"
+    assert safety_text("slip", 0.97912) == "0.979"
+    assert safety_text("slip", math.nan) == "-"
