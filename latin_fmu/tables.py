@@ -28,6 +28,7 @@ from .scene.initial_fields import DisplacementFile, VelocityFile
 from .scene.initial_fields import InitialStateTable as InitialState
 from .scene.interfaces import ContactSearch, GroundPlane, GroundVelocity, Interface
 from .scene.laws import ConstantLaw, CsvLaw, HalfSineLaw, InputLaw, RectangularPulseLaw, SrsLaw, StepLaw, TableLaw
+from .scene.limits import Limit
 from .scene.loads import Load
 from .scene.materials import MaterialTable as Material
 from .scene.materials import OrthotropicTable as Orthotropic
@@ -106,6 +107,7 @@ __all__ = [
     "InitialState",
     "InputLaw",
     "Interface",
+    "Limit",
     "Load",
     "LocalAxes",
     "LowPass",
