@@ -27,7 +27,7 @@ from .test_process import MAIN, environment
 
 MODELS = Path(__file__).parents[1] / "models"
 MORE = [getattr(signal, name) for name in ("SIGHUP", "SIGQUIT", "SIGXCPU", "SIGUSR1") if hasattr(signal, name)]
-MEASURED = ("cpu_seconds", "peak_memory", "history")  # attributes that differ between any two runs
+MEASURED = ("cpu_seconds", "peak_memory", "history", "cost")  # attributes that differ between any two runs
 LONG = ["--set", "time.end=4e-3", "--set", "time.instants=2000", "--set", "output.energy=true", "--no-estimate"]
 LONG += ["--set", "output.fields=true", "--set", "output.stress=true", "--set", "output.every=30"]
 

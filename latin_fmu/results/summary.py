@@ -80,7 +80,7 @@ def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
 
 def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Lines on the course of the iteration, penetration, energy, balance and cost, and a table of the interfaces."""
-    rows = course_rows(outcome, units)
+    rows = [*course_rows(outcome, units), ("CPU", _cpu(outcome))]
     width = max(len(label) for label, _ in rows)
     lines = [f"  {label:<{width}}  {text}" for label, text in rows]
     if outcome.interfaces:
@@ -89,7 +89,7 @@ def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
 
 
 def course_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, str]]:
-    """Name and text of the course of the iteration, penetration, energy, balance and cost."""
+    """Name and text of the course of the iteration, penetration, energy and balance: nothing that is measured."""
     rows = [
         ("iterations", _iterations(outcome)),
         ("passes", f"{outcome.passes:.3g} (substructure-instants solved / substructures x instants)"),
@@ -104,7 +104,6 @@ def course_rows(outcome: Outcome, units: UnitSystem = SI) -> list[tuple[str, str
     rows += [
         (name, outcome.settings[name]) for name in ("propagator", "bonds", "operators") if name in outcome.settings
     ]
-    rows.append(("CPU", _cpu(outcome)))
     return rows
 
 
