@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ import pytest
 
 from latin_fmu.latin.bolt_sections import ClampedFace, ScrewData, ShankSections
 from latin_fmu.latin.outcome import BoltHistory, InterfaceHistory
-from latin_fmu.results.bolt_margins import BoltMargins, SectionStresses
+from latin_fmu.results import bolt_results
+from latin_fmu.results.bolt_margins import BoltMargin, BoltMargins, SectionStresses
 from latin_fmu.results.bolt_results import safety_text
 from latin_fmu.results.bolt_strength import (
     endurance,
@@ -224,3 +226,15 @@ def test_safeties_are_printed_with_three_digits() -> None:
     assert safety_text("separation", 0.8512) == "85.1 %"
     assert safety_text("slip", 0.97912) == "0.979"
     assert safety_text("slip", math.nan) == "-"
+
+
+def test_safeties_below_one_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for shares, which are below 1 as a rule."""
+    margins = {
+        check: BoltMargin(check, 1.0, safety, safety)
+        for check, safety in (("service_yield", 2.42), ("edge_yield", 0.9791), ("separation", 0.85))
+    }
+    monkeypatch.setattr(bolt_results, "_margins", lambda _: {"m6": SimpleNamespace(margins=margins, missing=[])})
+    outcome = SimpleNamespace(bolts={"m6": SimpleNamespace(sections=None)})
+    below = [line for line in bolt_results.margin_lines(outcome) if "below" in line]  # type: ignore[arg-type]
+    assert below == ["  below 1: m6, R8/5-2 and bending: 0.979"]
