@@ -243,16 +243,16 @@ def on_plane(side: Side, point: Array, normal: Array, corners: bool = False) -> 
     blocks = [b for b in blocks if len(b.facets)]
     if not blocks:
         return None
-    own = face_points((body, FacetSet(tuple(blocks))), corners)
+    facing_points = face_points((body, FacetSet(tuple(blocks))), corners)
     return FacePair(
-        own.points,
+        facing_points.points,
         # area in projection on the plane, as the ground has its normal everywhere
-        -own.vector_areas @ normal,
+        -facing_points.vector_areas @ normal,
         # from E to E': the plane has its normal out of the ground
-        np.tile(-normal, (len(own.points), 1)),
-        (own.points - point) @ normal,
-        (own.trace, None),
-        np.zeros(len(own.points)),
+        np.tile(-normal, (len(facing_points.points), 1)),
+        (facing_points.points - point) @ normal,
+        (facing_points.trace, None),
+        np.zeros(len(facing_points.points)),
         matching=False,
     )
 

@@ -400,8 +400,8 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
                 "turn the normal: it points out of the ground",
             )
         return pair
-    own = face_points(side, interface.at_corners)
-    normals = own.normals
+    face = face_points(side, interface.at_corners)
+    normals = face.normals
     # of faces that stay bonded the shape does not matter
     bent = float(np.abs(normals @ normals[0] - 1).max())
     if interface.behaves_open and bent > MATCHING:
@@ -415,8 +415,8 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
         )
         return None
     # gap 0: the ground lies behind each point
-    nothing = np.zeros(len(own.points))
-    return FacePair(own.points, own.areas, normals, nothing, (own.trace, None), nothing)
+    nothing = np.zeros(len(face.points))
+    return FacePair(face.points, face.areas, normals, nothing, (face.trace, None), nothing)
 
 
 def _face_pair(

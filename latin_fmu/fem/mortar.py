@@ -525,13 +525,14 @@ def _finished(points: _Points, least: float) -> Mortar:
     A group has one pressure, its rows are the sum of those of its members (A T).
     """
     n, touched = len(points.nodes), np.flatnonzero(points.covered > 0)
-    # rows of the owner act on u~, which belong to phi~; with points at corners alone on u
-    back = nodal_values(points.owner.facets, points.nodes)
     if points.corners:
-        back = sp.csr_array(sp.eye_array(n, format="csr"))
+        back = sp.csr_array(sp.eye_array(n))
+    else:
+        # rows of the owner act on u~, which belong to phi~
+        back = nodal_values(points.owner.facets, points.nodes)
     owner = sp.csr_array(_collected(points.owner_entries, (n, n))[touched])
     other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
-    places = (back @ points.owner.nodes[points.nodes])[touched]
+    places = np.asarray(back @ points.owner.nodes[points.nodes])[touched]
     shares = points.areas[touched] / points.whole[touched]
     # near the edge of the owner face a point has less area than the whole: its covered facets count
     shares[points.areas[touched] > _INSIDE * points.near[touched]] = 1.0

@@ -91,9 +91,9 @@ class RunContent:
 
 def sections(of: RunContent) -> Iterator[PageSection]:
     """All sections in their order."""
-    for title, made in _SECTIONS.items():
+    for title, content in _SECTIONS.items():
         section = PageSection(title)
-        section.add(*made(of))
+        section.add(*content(of))
         yield section
 
 

@@ -27,7 +27,7 @@ UNKNOWN: Final = "not judged"
 """States of a limit."""
 
 
-class Judged(ABC):
+class LimitCheck(ABC):
     """A limit beside what the run has; ``limit`` : name of its table, ``of`` : of the sensor or bolt."""
 
     limit: str
@@ -64,7 +64,7 @@ class Judged(ABC):
 
 
 @dataclass(frozen=True)
-class JudgedSpectrum(Judged):
+class SpectrumCheck(LimitCheck):
     """A spectrum of a sensor beside its limit.
 
     Attributes
@@ -142,7 +142,7 @@ class JudgedSpectrum(Judged):
 
 
 @dataclass(frozen=True)
-class JudgedSafety(Judged):
+class SafetyCheck(LimitCheck):
     """A safety of a bolt beside the smallest one that is allowed.
 
     Attributes
@@ -197,9 +197,9 @@ class JudgedSafety(Judged):
         return StoredGroup.of(named(LIMIT, {"safety": safety, "least": self.least}), attrs=attrs)
 
 
-def judged(outcome: Outcome, limits: Mapping[str, Limit]) -> dict[str, Judged]:
+def limit_checks(outcome: Outcome, limits: Mapping[str, Limit]) -> dict[str, LimitCheck]:
     """Every limit beside what a run has, by its name; of a limit of several bolts by ``NAME.BOLT``."""
-    found: dict[str, Judged] = {}
+    found: dict[str, LimitCheck] = {}
     for name, table in limits.items():
         if table.sensor is not None:
             found[name] = _spectrum(name, table, outcome)
@@ -210,26 +210,26 @@ def judged(outcome: Outcome, limits: Mapping[str, Limit]) -> dict[str, Judged]:
     return found
 
 
-def _spectrum(name: str, table: Limit, outcome: Outcome) -> JudgedSpectrum:
+def _spectrum(name: str, table: Limit, outcome: Outcome) -> SpectrumCheck:
     history, time, grid = outcome.sensors.get(str(table.sensor)), outcome.time, table.specification.grid()
     nothing = np.zeros(0)
     if history is None or history.acceleration is None or len(time) < 2:
-        return JudgedSpectrum(name, table, nothing, nothing, nothing)
+        return SpectrumCheck(name, table, nothing, nothing, nothing)
     step = float(time[-1] - time[0]) / (len(time) - 1)
     # of a run in longer steps than the scene has
     grid = grid[grid <= highest_frequency(step) * (1.0 + _ROUND_OFF)]
     if not len(grid):
-        return JudgedSpectrum(name, table, nothing, nothing, nothing)
+        return SpectrumCheck(name, table, nothing, nothing, nothing)
     spectrum = shock_response_spectrum(history.acceleration, step, grid, table.quality, interpolation=LINES)
     values = np.asarray(getattr(spectrum, table.kind))[RESPONSES.index(table.response)]
     if table.component is None:
         values = values.max(axis=1)
     else:
         values = values[:, "xyz".index(table.component)]
-    return JudgedSpectrum(name, table, grid, values, table.specification.at(grid))
+    return SpectrumCheck(name, table, grid, values, table.specification.at(grid))
 
 
-def _safeties(name: str, table: Limit, outcome: Outcome) -> Iterator[JudgedSafety]:
+def _safeties(name: str, table: Limit, outcome: Outcome) -> Iterator[SafetyCheck]:
     least = float(table.least or 1.0)
     for bolt in table.bolts(outcome.bolts):
         margins = BoltMargins.of(outcome.bolts[bolt], outcome.interfaces)
@@ -237,14 +237,14 @@ def _safeties(name: str, table: Limit, outcome: Outcome) -> Iterator[JudgedSafet
             margin = margins.smallest
         else:
             margin = margins.margins.get(table.check)
-        yield JudgedSafety(name, bolt, table.check, margin, least, tuple(margins.missing))
+        yield SafetyCheck(name, bolt, table.check, margin, least, tuple(margins.missing))
 
 
-def limit_groups(found: Mapping[str, Judged], units: UnitSystem) -> dict[str, StoredGroup]:
+def limit_groups(found: Mapping[str, LimitCheck], units: UnitSystem) -> dict[str, StoredGroup]:
     """Groups ``limits/NAME`` by path."""
     return {f"/limits/{name}": of.group(units) for name, of in found.items()}
 
 
-def limit_rows(found: Mapping[str, Judged], units: UnitSystem = SI) -> list[tuple[str, str]]:
+def limit_rows(found: Mapping[str, LimitCheck], units: UnitSystem = SI) -> list[tuple[str, str]]:
     """Name and text of every limit."""
     return [(f"limit {name}", of.clause(units)) for name, of in found.items()]

@@ -21,7 +21,7 @@ from .dataset import Recovered, datatree, result_blocks, result_groups, root_gro
 from .estimates import ErrorEstimate, TruncationError
 from .files import write_groups
 from .groups import StoredGroup, in_units
-from .limits import Judged, judged, limit_groups, limit_rows
+from .limits import LimitCheck, limit_checks, limit_groups, limit_rows
 from .model import BodySize, model_group
 from .sensors import reaction_report, reaction_rows, sensor_report, sensor_rows, spectra_of, spectrum_rows
 from .sentences import named_lines, sentence_rows, wrapped
@@ -140,9 +140,9 @@ class Solution:
         return body_stresses(self.outcome, self.recovered)
 
     @cached_property
-    def limits(self) -> dict[str, Judged]:
+    def limits(self) -> dict[str, LimitCheck]:
         """Limits of the scene beside what the run has, by name."""
-        return judged(self.outcome, self.limit_tables)
+        return limit_checks(self.outcome, self.limit_tables)
 
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
