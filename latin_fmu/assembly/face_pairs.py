@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..fem.faces import Face, Surface, face_of, nodal_values, quadratic
+from ..fem.faces import Face, Surface, face_of, linear_between_corners, nodal_values, quadratic
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
 from ..interface.geometry import diagonal_blocks
@@ -49,6 +49,7 @@ class FacePair:
     shares : covered share of the area of each side.
     chord : how far flat facets of round faces are from those at most, m; 0 where round faces have curved facets.
     alike : whether the owner is E because nothing else tells the sides apart.
+    linear : see ``InterfaceGeometry``.
     """
 
     points: Array
@@ -62,6 +63,7 @@ class FacePair:
     shares: tuple[float, float] = (1.0, 1.0)
     chord: float = 0.0
     alike: bool = False
+    linear: sp.csr_array | None = None
 
 
 def by_mortar(
@@ -190,6 +192,7 @@ class _MortarPair:
             False,
             (shares[0], shares[1]),
             max(s.chord_deviation for s in self.surfaces),
+            linear=linear_between_corners(self.surfaces[side].facets, len(mine)) if self._corners else None,
         )
 
 
@@ -199,12 +202,14 @@ def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
 
 
 class PointsOfFace(NamedTuple):
-    """Points (n_point, 3) of a face alone, m, their vector areas (n_point, 3), m2, areas (n_point,), m2, and trace."""
+    """Points (n_point, 3) of a face alone, m, their vector areas (n_point, 3), m2, areas (n_point,), m2, and trace;
+    ``linear`` as in ``InterfaceGeometry``."""
 
     points: Array
     vector_areas: Array
     areas: Array
     trace: sp.csr_array
+    linear: sp.csr_array | None = None
 
     @property
     def normals(self) -> Array:
@@ -220,7 +225,8 @@ def face_points(side: Side, corners: bool) -> PointsOfFace:
         # covered by itself: the integrals of a pair of faces
         part = mortar(Surface(places, facets), Surface(places, facets.turned), corners=True)
         assert part is not None
-        return PointsOfFace(part.owner @ places, part.vector_areas, part.areas, _of_vectors(part.owner))
+        linear = linear_between_corners(facets, len(places))
+        return PointsOfFace(part.owner @ places, part.vector_areas, part.areas, _of_vectors(part.owner), linear)
     face = face_of(places, facets)
     points, trace = own_points(body, facets, face)
     if face.change is None:
@@ -254,6 +260,7 @@ def on_plane(side: Side, point: Array, normal: Array, corners: bool = False) -> 
         (facing_points.trace, None),
         np.zeros(len(facing_points.points)),
         matching=False,
+        linear=facing_points.linear,
     )
 
 

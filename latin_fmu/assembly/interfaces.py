@@ -318,7 +318,9 @@ def build_interface(
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         # [u] = -p / k_n: with this gap the layer has the pressure of the preload
         gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
-    geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching, cells)
+    geometry = InterfaceGeometry(
+        pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching, cells, pair.linear
+    )
     if pressure > 0 and opening.gap.min() < 0:
         problems.add(
             f"interface.{name}.preload",
@@ -416,7 +418,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
         return None
     # gap 0: the ground lies behind each point
     nothing = np.zeros(len(face.points))
-    return FacePair(face.points, face.areas, normals, nothing, (face.trace, None), nothing)
+    return FacePair(face.points, face.areas, normals, nothing, (face.trace, None), nothing, linear=face.linear)
 
 
 def _face_pair(

@@ -6,8 +6,6 @@ interfaces only reduces to.
 Bonds of non-matching faces are constraints: the dofs of one side in terms of those of the other. With
 u = P r + Q m (reduced dofs r, prescribed motions m) the bonds C u = 0, C = [T_E, -T_E'], are solved for as many
 reduced dofs as there are independent bonds: those of the owner's nodes, whose block is the identity or close to it.
-
-Vibration modes keep any rows at zero, those that depend on each other, too (``kept_together``).
 """
 
 from __future__ import annotations
@@ -35,7 +33,6 @@ from .body import Body, consecutive
 from .timeline import Timeline
 
 _NOTHING = 1e-9  # entries below this share of 1 are round-off
-_DENSE: Final = 4_000_000  # entries of dependent rows up to which they are eliminated as a dense matrix
 _MOST_ROWS: Final = 2000  # of bonds around loops, which are searched for dependent ones
 _TAKES_PART = 1e-8  # of a unit combination of rows
 _LARGEST = 1e3  # an entry above it means that two bonds are nearly linearly dependent
@@ -327,68 +324,6 @@ def _pivots(rows: sp.csr_array) -> Index:
         else:
             raise ValueError("bonds that hold the same nodes twice")
     return chosen
-
-
-def kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
-    """Expansion (n_full, n) that keeps the rows (n_row, n_full) at zero, and the rows on its dofs that it does not."""
-    expansion, remaining = _merged(_cleaned(rows @ expansion), expansion)
-    touched = np.unique(remaining.indices)
-    if not len(touched):
-        return expansion, sp.csr_array((0, expansion.shape[1]))
-    others = np.setdiff1d(np.arange(expansion.shape[1]), touched)
-    block = sp.csr_array(remaining[:, touched])
-    try:
-        local = sp.csr_array(sp.eye_array(len(touched)))
-        basis, _ = tied(block, local, np.zeros((len(touched), 0)))
-    except ValueError:  # they depend on each other, or share all their dofs
-        if block.shape[0] * block.shape[1] > _DENSE:
-            return expansion, remaining
-        basis = _eliminated(block.toarray())
-    both = sp.hstack([expansion[:, others], expansion[:, touched] @ basis])
-    return sp.csr_array(both), sp.csr_array((0, both.shape[1]))
-
-
-def _eliminated(rows: Array) -> sp.csr_array:
-    """Expansion (n, n - rank) that keeps dense rows (n_row, n) at zero, however they depend on each other: dofs chosen
-    by QR with pivoting follow the others."""
-    # the largest columns first: what follows the rank is round-off of dependent rows
-    _, r, order = la.qr(rows, mode="economic", pivoting=True)
-    size = np.abs(np.diagonal(r))
-    rank = int((size > _NOTHING * size[0]).sum())
-    basis = np.zeros((rows.shape[1], rows.shape[1] - rank))
-    basis[order[:rank]] = -la.solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    basis[order[rank:]] = np.eye(rows.shape[1] - rank)
-    return sp.csr_array(np.where(np.abs(basis) < _NOTHING, 0.0, basis))
-
-
-def _cleaned(rows: sp.csr_array) -> sp.csr_array:
-    """Rows without round-off, and without those that are zero."""
-    rows = sp.csr_array(rows)
-    rows.data[np.abs(rows.data) < _NOTHING] = 0.0
-    rows.eliminate_zeros()
-    return sp.csr_array(rows[np.flatnonzero(np.diff(rows.indptr))])
-
-
-def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
-    """Expansion in which dofs that two-entry rows tie are one and those of one-entry rows are held, and what is left of
-    the rows on its dofs."""
-    n = rows.shape[1]
-    entries, starts = np.diff(rows.indptr), rows.indptr[:-1]
-    single = np.flatnonzero(entries == 1)
-    pairs = np.flatnonzero(entries == 2)
-    # (1, -1): equal dofs; other two-entry rows, as (1, 1), are left to elimination
-    balanced = np.abs(rows.data[starts[pairs]] + rows.data[starts[pairs] + 1]) < _NOTHING
-    pairs = pairs[balanced]
-    grounded = rows.indices[starts[single]]
-    first = np.concatenate([grounded, rows.indices[starts[pairs]]])
-    second = np.concatenate([np.full(len(grounded), n), rows.indices[starts[pairs] + 1]])  # dof n stands for the ground
-    graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(n + 1, n + 1))
-    _, label = connected_components(graph, directed=False)
-    free = np.flatnonzero(label[:n] != label[n])
-    _, columns = np.unique(label[free], return_inverse=True)
-    shape = (n, int(columns.max(initial=-1)) + 1)
-    selection = sp.csr_array(sp.coo_array((np.ones(len(free)), (free, columns.ravel())), shape=shape))
-    return sp.csr_array(expansion @ selection), _cleaned(rows @ selection)
 
 
 def _speed(model: SubstructureModel) -> Array:

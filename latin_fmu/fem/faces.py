@@ -165,6 +165,27 @@ def facet_change(kind: str, changed: bool) -> Array:
     return change
 
 
+def linear_between_corners(facets: FacetSet, n_node: int) -> sp.csr_array | None:
+    """Values (n_node, n_node) at the inner nodes of facets of second order by those at their corners, linear between
+    them; rows of all other nodes are empty. None without such facets."""
+    matrix = sp.csr_array((n_node, n_node))
+    for block in facets.blocks:
+        if not quadratic(block.kind):
+            continue
+        n = FACET_CORNERS[block.kind]
+        weights = corner_functions(block.kind)[n:]
+        rows = np.repeat(block.facets[:, n:], n, axis=1)
+        columns = np.tile(block.corners, (1, len(weights)))
+        values = np.tile(weights.ravel(), (len(block.facets), 1))
+        # an edge between two facets has the same weights in both
+        keys, first = np.unique(rows.ravel() * n_node + columns.ravel(), return_index=True)
+        places = keys // n_node, keys % n_node
+        one = sp.csr_array(sp.coo_array((values.ravel()[first], places), shape=matrix.shape))
+        matrix = sp.csr_array(matrix.maximum(one))
+    matrix.eliminate_zeros()
+    return matrix if matrix.nnz else None
+
+
 def corner_functions(kind: str) -> Array:
     """L (n_node, n_corner): the linear functions of the corners, theta_b = sum over a of L_ab phi_a."""
     corner = {3: "triangle", 4: "quad"}[FACET_CORNERS[kind]]

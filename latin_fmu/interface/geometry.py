@@ -56,7 +56,8 @@ class InterfaceGeometry:
     cells : triangles and quadrilaterals (n_cell, 4) between the points, -1 behind the three of a triangle; None where
         they are not known.
     owner : side (0 for E, 1 for E') whose nodes the points are made of. matching : whether each point is one node of
-        each side.
+        each side. linear : (n_node, n_node) values at the inner nodes of the owner's facets of second order by those at
+        their corners, linear between these, where the corners alone are points; None elsewhere.
 
     The traces satisfy T 1 = 1, T_E X_E = T_E' X_E' up to the gap along N (X the places of the nodes), and
     T^T area = int phi on both sides, phi the functions of the nodes of that side.
@@ -70,6 +71,7 @@ class InterfaceGeometry:
     owner: int = 0
     matching: bool = True
     cells: NDArray[np.int64] | None = None
+    linear: sp.csr_array | None = None
 
     @cached_property
     def global_axes(self) -> Mapping[int, Rotation]:

@@ -2,6 +2,7 @@
 
 =================================  ====================================================================
 tied_assembly                      motions of the bodies by free dofs and relative motions of the contacts
+hierarchical_dofs                  dofs of contact faces of second order that belong to one point each
 static_assembly, bond_forces       its solution without inertia; tractions of the bonds
 joined_assembly                    joints that are linear: open, sticking or bonded; modes
 stress_ratios                      how much stress changes its stiffness, and whether it has buckled

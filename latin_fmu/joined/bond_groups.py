@@ -37,6 +37,7 @@ from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import SubstructureModel
 from ..propagator.model import unrelaxed_part
 from ..time_scheme import MaxwellBranches
+from .hierarchical_dofs import HierarchicalDofs
 from .static_assembly import against_ground, joined_loads, ordered
 from .tied_assembly import Joints, TieError, channel_trace, eliminated, joint_rows, jump_rows
 
@@ -243,9 +244,13 @@ def _group(
     where, n_full = consecutive({m.name: m.n_full for m in models})
     trace = channel_trace([ModelClass([m], members[m.name][1][:, None]) for m in models], layout, where, n_full)
     expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
+    # of the bonds alone: points of contacts stay as they are
+    hierarchical = HierarchicalDofs.of([units[i] for i in bonded], where, expansion)
+    by_corners = hierarchical.expanded(expansion)
     driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
     rows, weights, _ = joint_rows(units, layout, trace, Joints(tuple(bonded), (), ()))
-    elimination = eliminated(sp.csr_array(rows @ expansion), np.asarray(rows @ driven), weights)
+    elimination = eliminated(sp.csr_array(rows @ by_corners), np.asarray(rows @ driven), weights)
+    q_part = sp.csr_array(hierarchical.reduced(elimination.q_part))
     sides = [(i, side) for i, side, name in body_sides(units) if name in set(names) and i in set(remaining)]
     inner = tuple(i for i, side in sides if side == 1 and (i, 0) in set(sides))
     sides = [(i, side) for i, side in sides if side == 0 or i not in set(inner)]
@@ -262,13 +267,13 @@ def _group(
         mass=_diagonal([m.inertia for m in models]),
         damping=_damping(models, "damping"),
         stiffness=_diagonal([m.stiffness for m in models]),
-        expansion=sp.csr_array(expansion @ elimination.q_part),
+        expansion=sp.csr_array(expansion @ q_part),
         trace=sp.csr_array(sp.vstack(moved)),
         channel_area=layout.area[channels],
         loads=joined_loads(models, where, n_full),
         displacement=np.concatenate([m.displacement for m in models]),
         velocity=np.concatenate([m.velocity for m in models]),
-        imposed_pattern=driven + expansion @ elimination.driven,
+        imposed_pattern=driven + by_corners @ elimination.driven,
         imposed_start=np.concatenate([m.imposed_start for m in models]),
         imposed_speed=_speeds(models),
         landing=_damping(models, "landing"),
@@ -279,7 +284,7 @@ def _group(
     mass, damping, stiffness = (list(part) for part in zip(*(m.reduced for m in models), strict=True))
     sizes = [m.shape[0] for m in mass]
     reduced = [
-        _eliminated_product(elimination.q_part, [_filled(m, n) for m, n in zip(part, sizes, strict=True)])
+        _eliminated_product(q_part, [_filled(m, n) for m, n in zip(part, sizes, strict=True)])
         for part in (mass, damping, stiffness)
     ]
     none = all(c is None for c in damping)
@@ -287,7 +292,7 @@ def _group(
     model.__dict__["reduced_stiffness"] = model.__dict__["stiffness_by_nodes"] = reduced[2]
     if some_rest:
         parts = _unrelaxed(models, rest, _of_reduced)
-        model.__dict__["_unrelaxed"] = _eliminated_product(elimination.q_part, parts)
+        model.__dict__["_unrelaxed"] = _eliminated_product(q_part, parts)
     ordered(model, models, bodies)
     return BondGroup(models, tuple(bonded), inner, where, trace, model, channels, shares)
 

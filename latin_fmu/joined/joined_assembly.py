@@ -1,8 +1,7 @@
 """An assembly whose joints are linear: matrices of its bodies side by side, what joints keep together, modes.
 
-Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
-gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
-a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
+Each row that joints keep at zero gives one dof by the others, those that depend on each other as many as they determine
+(``tied_assembly.eliminated``).
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import scipy.linalg as la
@@ -20,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..assembly.body import consecutive
 from ..assembly.initial_state import InitialState
-from ..assembly.merged_assembly import jump, kept_together
+from ..assembly.merged_assembly import jump
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.start_contacts import start_gap
 from ..interface import Rods
@@ -34,10 +33,11 @@ from ..propagator.vibration import Vibration
 from ..scene.fields import split_face
 from ..time_scheme import MaxwellBranches
 from .dynamic_stiffness import BranchedStiffness, Complex, ProjectedStiffness, eigenvalues, strained_bodies
+from .hierarchical_dofs import HierarchicalDofs
 from .modal_damping import Modes
+from .tied_assembly import eliminated
 
 Joints = Literal["sticking", "open", "bonded"]
-_STIFF: Final = 1e4
 _UNMOVED = 1e-9  # of a mode of a body, whose rate is round-off
 _NEAR = 1e-4  # of the size of the assembly: larger gaps are open
 _ROUND_OFF = 1e-9  # of this, a gap that is none
@@ -105,13 +105,10 @@ class JoinedAssembly:
             # g g^T / k: bolts without tension let their shanks slide
             springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
         stiffness = sum(springs, parts.stiffness)
-        expansion, constraints = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
+        hierarchical = HierarchicalDofs.of(discretised.units, parts.where, parts.expansion)
+        expansion = _kept_together(sp.csr_array(sp.vstack(rows)), hierarchical.expanded(parts.expansion))
         k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
-        # constraints that could not be eliminated are springs, far stiffer than the bodies
-        if constraints.shape[0]:
-            weight = _STIFF * float(k.diagonal().max())
-            k = sp.csr_array(k + weight * (constraints.T @ constraints))
-        vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if constraints.shape[0] else None)
+        vibration = Vibration(k, m, shift=_shift(discretised, parts))
         damping, strained = sum(dashpots, parts.damping), (*parts.strained, *relaxing)
         return JoinedAssembly(
             discretised, parts, vibration, expansion, damping, strained, tuple(remarks), to_ground, tuple(grounded)
@@ -192,6 +189,13 @@ class JoinedAssembly:
         values, vectors, n_rigid = _lowest(self.vibration, count)
         omega = np.sqrt(np.maximum(values, 0.0))  # round-off of rigid motions may be negative
         return Modes(self.vibration, self.expansion, vectors, omega, n_rigid)
+
+
+def _kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> sp.csr_array:
+    """Expansion (n_full, n) that keeps the rows (n_row, n_full) at zero."""
+    none = sp.csr_array((rows.shape[0], 0))
+    eliminated_rows = eliminated(sp.csr_array(rows @ expansion), none.toarray(), none)
+    return sp.csr_array(expansion @ eliminated_rows.q_part)
 
 
 def pressed_of(discretised: DiscretisedProblem, state: InitialState | None) -> dict[str, np.ndarray]:

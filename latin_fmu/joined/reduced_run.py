@@ -414,7 +414,7 @@ def start_of(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) 
         full_state = np.concatenate([m.velocity if kind else m.displacement for m in tied.models])
         full = full_state - drives.shapes @ drives.motions[kind, :, 0]
         parts = [closest_reduced(m.expansion, full[tied.where[m.name], None])[:, 0] for m in tied.models]
-        q, r = np.concatenate(parts)[tied.free], np.asarray(tied.jump @ full)
+        q, r = tied.hierarchical.of_reduced(np.concatenate(parts))[tied.free], np.asarray(tied.jump @ full)
         state.append(coordinates(reduced, q, r, loads))
     return state[0], state[1]
 

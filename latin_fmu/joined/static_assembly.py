@@ -35,6 +35,7 @@ from ..interface.laws import bonds
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import closest_reduced
+from .hierarchical_dofs import HierarchicalDofs
 from .tied_assembly import Joints, TieError, channel_trace, eliminated, joint_rows, jump_rows
 
 NAME: Final = "assembly"
@@ -53,8 +54,9 @@ class StaticShapes:
     ----------
     expansion : (n_full, n) of all bodies by the dofs. driven : (n_full, n_motion) shapes of driven faces. stiffness :
     (n, n), N m-1. jump : (n_channel, n_full) relative motions. free : numbers of the first dofs among the reduced dofs
-    of all bodies. there : channels whose relative motions are the other dofs; None where these follow from the first.
-    ordering : interface dofs, their trace, elimination order and parts of the dissection, once they were found.
+    of all bodies, made ``hierarchical``. there : channels whose relative motions are the other dofs; None where these
+    follow from the first. ordering : interface dofs, their trace, elimination order and parts of the dissection, once
+    they were found.
     """
 
     expansion: sp.csr_array
@@ -63,6 +65,7 @@ class StaticShapes:
     jump: sp.csr_array
     free: Index
     there: Index | None
+    hierarchical: HierarchicalDofs
     ordering: dict[str, Any] = field(default_factory=dict)
 
     @staticmethod
@@ -76,15 +79,21 @@ class StaticShapes:
         TieError : bonds between faces that are driven apart.
         """
         bonded, relative = _bonded_and_relative(units)
+        models = [m for c in classes for m in c.members]
+        where, _ = consecutive({m.name: m.n_full for m in models})
+        expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
+        hierarchical = HierarchicalDofs.of(units, where, expansion)
         jumps = [sp.csr_array((0, trace.shape[1])), *(jump_rows(layout, trace, i) for i in relative)]
         jump = sp.csr_array(sp.vstack(jumps))
         if relative and few_contacts(units):
             try:
-                return _shapes(classes, joint_rows(units, layout, trace, Joints(bonded, (), relative))[:2], jump, True)
+                rows = joint_rows(units, layout, trace, Joints(bonded, (), relative))
+                return _shapes(classes, (expansion, hierarchical), rows[:2], jump, True)
             except TieError:
                 # contacts that hold nodes twice have no relative motions of their own
                 pass
-        return _shapes(classes, joint_rows(units, layout, trace, Joints(bonded, (), ()))[:2], jump, False)
+        rows = joint_rows(units, layout, trace, Joints(bonded, (), ()))
+        return _shapes(classes, (expansion, hierarchical), rows[:2], jump, False)
 
     def model(self, models: Sequence[SubstructureModel], areas: Array, bodies: Mapping[str, Body]) -> SubstructureModel:
         """The assembly as one substructure; ``areas`` (n_channel,) of the channels, m2."""
@@ -120,15 +129,20 @@ class StaticShapes:
 
 
 def _shapes(
-    classes: Sequence[ModelClass], joints: tuple[sp.csr_array, sp.csr_array], jump: sp.csr_array, related: bool
+    classes: Sequence[ModelClass],
+    dofs: tuple[sp.csr_array, HierarchicalDofs],
+    joints: tuple[sp.csr_array, sp.csr_array],
+    jump: sp.csr_array,
+    related: bool,
 ) -> StaticShapes:
-    """Motions of the bodies by the dofs that are left with ``joints``, rows and their weights; ``related`` : whether
-    relative motions are dofs."""
+    """Motions of the bodies by the dofs that are left with ``joints``, rows and their weights; ``dofs`` : the expansion
+    of the reduced dofs and what makes them hierarchical; ``related`` : whether relative motions are dofs."""
     models = [m for c in classes for m in c.members]
-    expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
+    expansion, hierarchical = dofs[1].expanded(dofs[0]), dofs[1]
     driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
     # members of a class have equal matrices, which are reduced once
     stiffness = sp.block_diag([c.members[0].reduced_stiffness for c in classes for _ in c.members], format="csr")
+    stiffness = hierarchical.congruent(sp.csr_array(stiffness))
     free, there = np.arange(expansion.shape[1], dtype=np.int64), None
     rows, weights = joints
     if rows.shape[0]:
@@ -142,7 +156,7 @@ def _shapes(
         expansion, stiffness = sp.csr_array(expansion @ both), sp.csr_array(both.T @ stiffness @ both)
     stiffness = sp.csr_array(stiffness)
     stiffness.sort_indices()
-    return StaticShapes(expansion, driven, stiffness, jump, free, there)
+    return StaticShapes(expansion, driven, stiffness, jump, free, there, hierarchical)
 
 
 def few_contacts(units: Sequence[InterfaceUnit]) -> bool:
@@ -217,7 +231,7 @@ class StaticAssembly:
     def reduced(self, full: Array) -> Array:
         """Dofs (n,) of displacements (n_full,) of all bodies, those of driven faces taken away."""
         parts = [closest_reduced(m.expansion, full[self.where[m.name], None]) for m in self.models]
-        first: Array = np.concatenate(parts)[self.shapes.free]
+        first: Array = self.shapes.hierarchical.of_reduced(np.concatenate(parts))[self.shapes.free]
         if self.shapes.there is None:
             return first
         return np.concatenate([first, (self.shapes.jump @ full)[self.shapes.there, None]])

@@ -30,6 +30,7 @@ from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..laws.maxwell_joint import MaxwellJoint
 from ..propagator import SubstructureModel
 from ..propagator.model import relaxing_part
+from .hierarchical_dofs import HierarchicalDofs
 
 STIFFNESS: Final = 0
 MASS: Final = 1
@@ -263,7 +264,7 @@ class TiedAssembly:
     (n_full, n_motion). springs : (n_full, n_full) of the interfaces that have them.
     stiffness, mass : (n, n) on [q, r], N m-1, kg. channels : (n_r,) channel of side E of each r.
     exists : (n_channel,) whether the r of each channel exists. free : (n_free,) numbers of q among the reduced dofs of
-    all bodies. rank : (n,) elimination order of [q, r], nested
+    all bodies, made ``hierarchical``. rank : (n,) elimination order of [q, r], nested
     dissection; None where a body has no places.
     """
 
@@ -280,6 +281,7 @@ class TiedAssembly:
     channels: Index
     exists: NDArray[np.bool_]
     free: Index
+    hierarchical: HierarchicalDofs
     rank: Array | None
     jump: sp.csr_array
     """(n_r, n_full) relative motions from the full dofs of all bodies."""
@@ -296,6 +298,8 @@ class TiedAssembly:
         where, n_full = consecutive({m.name: m.n_full for m in models})
         trace = channel_trace(classes, layout, where, n_full)
         expansion = sp.csr_array(sp.block_diag([m.expansion for m in models], format="csr"))
+        hierarchical = HierarchicalDofs.of(units, where, expansion)
+        expansion = hierarchical.expanded(expansion)
         driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
         rows, weights, channels = joint_rows(units, layout, trace, joints)
         elimination = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
@@ -323,6 +327,7 @@ class TiedAssembly:
             channels[there],
             elimination.exists,
             elimination.free,
+            hierarchical,
             rank,
             jump,
         )

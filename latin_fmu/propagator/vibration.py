@@ -28,23 +28,13 @@ class Vibration:
     """Stiffness and mass of the free dofs, (n, n), and one factor for modes and static responses: that of K + shift M.
 
     rank : (n,) elimination order of the dofs, or None. shift : s-2; a share of trace(K) / trace(M) where None.
-    dense : dofs up to which every mode is computed, ``DENSE`` where None.
     """
 
     def __init__(
-        self,
-        stiffness: sp.csr_array,
-        mass: sp.csr_array,
-        rank: Array | None = None,
-        shift: float | None = None,
-        dense: int | None = None,
+        self, stiffness: sp.csr_array, mass: sp.csr_array, rank: Array | None = None, shift: float | None = None
     ) -> None:
         self.stiffness = stiffness
         self.mass = mass
-        if dense is None:
-            self._dense = DENSE
-        else:
-            self._dense = dense
         if shift is None:
             self.shift = _SHIFT * stiffness.trace() / mass.trace()
         else:
@@ -53,7 +43,7 @@ class Vibration:
 
     def shifted_by(self, shift: float) -> Vibration:
         """The same with another shift, s-2."""
-        return Vibration(self.stiffness, self.mass, self._rank, shift, self._dense)
+        return Vibration(self.stiffness, self.mass, self._rank, shift)
 
     @cached_property
     def shifted(self) -> sp.csr_array:
@@ -71,7 +61,7 @@ class Vibration:
 
     def modes(self, requested: int) -> tuple[Array, Array, Array]:
         """Rigid motions, eigenvalues and elastic modes: at least ``requested`` in all, or all there are."""
-        if self.n <= max(self._dense, 2 * requested):
+        if self.n <= max(DENSE, 2 * requested):
             values, vectors = self._every()
         else:
             inverse = spla.LinearOperator((self.n, self.n), matvec=self.solve, dtype=np.float64)
