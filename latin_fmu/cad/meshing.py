@@ -26,9 +26,16 @@ ACROSS: Final = 5.0
 """Edges along the diagonal of the box of a part, at least."""
 CONTACT: Final = 4.0
 """Edges along the root of the area of a contact face."""
+FITTED: Final = 14.0
+"""Edges around a round face that touches another one, as a pin in its hole."""
 CLAMPED: Final = 5.0
 """Edges along the radius of the part of a contact face that a screw presses."""
 _CONE: Final = 0.75, 0.5  # that radius: diameters of the shank (the head), and grips (a cone of some 30 degrees)
+_RIM: Final = (
+    0.75,
+    1.2,
+    2.0,
+)  # the radius at whose inside parts lift off each other, likewise, and edges there over those
 _ALONG: Final = 1.6  # edges along the free shank of a screw, for its cut
 TURN: Final = 8
 """Edges around a shank and its holes."""
@@ -109,6 +116,7 @@ class Mesher:
     def sizes(self, coarser: float) -> Sizes:
         """Edges, those of flat contact faces and, less so, of parts by a factor ``coarser``."""
         sizes, finer = Sizes(), self._wishes.finer
+        touching = {face for sides in self.contacts.values() for faces in sides.values() for face in faces}
         screwed = {s.part for s in self._assembly.screws if s.used}
         for part in self._assembly.parts:
             size = self._size(part.name, coarser)
@@ -125,7 +133,8 @@ class Mesher:
                     along = [s.grip / _ALONG for s in screws if s.part == part.name and s.grip > 0.0]
                     sizes.faces[face] = min([size, around / (TURN * finer), *along])
                 else:
-                    sizes.faces[face] = min(size, max(around / _ROUND, FLOOR * size))
+                    fine = coarser * around / (FITTED * finer) if face in touching else np.inf
+                    sizes.faces[face] = min(size, max(min(around / _ROUND, fine), FLOOR * size))
         edges: dict[int, list[float]] = {}
         for sides in self.contacts.values():
             for name, faces in sides.items():
@@ -140,7 +149,10 @@ class Mesher:
             if screw.used:
                 radius = _CONE[0] * screw.diameter + _CONE[1] * screw.grip
                 half = np.array(screw.axis) * (screw.grip + screw.diameter)
-                sizes.pressed.append(PressedZone(screw.middle, half, radius, coarser * radius / (CLAMPED * finer)))
+                size = coarser * radius / (CLAMPED * finer)
+                sizes.pressed.append(PressedZone(screw.middle, half, radius, size))
+                rim = _RIM[0] * screw.diameter + _RIM[1] * screw.grip
+                sizes.pressed.append(PressedZone(screw.middle, half, rim, _RIM[2] * size))
         return sizes
 
     def _size(self, name: str, coarser: float) -> float:
