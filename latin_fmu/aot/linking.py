@@ -177,7 +177,8 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             str(source),
             *(str(path) for path in c_runtime.sources() if path.suffix == ".c"),
             *(() if "windows" in target.zig else ("-lm",)),
-            *(("-Wl,--no-undefined",) if "linux" in target.zig else ()),
+            # calls inside it stay inside it, whatever library of another version a host has loaded for all to see
+            *(("-Wl,--no-undefined", "-Wl,-Bsymbolic") if "linux" in target.zig else ()),
             # the name by which others would link it, and not the path where it is made
             *((f"-Wl,-install_name,@rpath/{library.name}",) if "macos" in target.zig else ()),
         ]

@@ -26,7 +26,7 @@ ACROSS: Final = 5.0
 """Edges along the diagonal of the box of a part, at least."""
 CONTACT: Final = 4.0
 """Edges along the root of the area of a contact face."""
-FITTED: Final = 14.0
+FITTED: Final = 12.0
 """Edges around a round face that touches another one, as a pin in its hole."""
 CLAMPED: Final = 5.0
 """Edges along the radius of the part of a contact face that a screw presses."""

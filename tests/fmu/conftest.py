@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -42,18 +41,26 @@ def made(request) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="session")
-def programs(tmp_path_factory) -> dict[str, Path]:
-    """The hosts in C, by the compiler of this machine, else that of the wheel."""
+def compiler(tmp_path_factory) -> list[str]:
+    """Compiler of this machine, else that of the wheel."""
+    if shutil.which("cc"):
+        return ["cc"]
     try:
-        compiler = ["cc"] if shutil.which("cc") else zig(library.target())
+        command = zig(library.target())
     except ModuleNotFoundError:
         pytest.skip("no C compiler: pip install ziglang")
+    folder = str(tmp_path_factory.mktemp("zig"))
+    return ["env", f"ZIG_GLOBAL_CACHE_DIR={folder}", f"ZIG_LOCAL_CACHE_DIR={folder}", *command]
+
+
+@pytest.fixture(scope="session")
+def programs(compiler, tmp_path_factory) -> dict[str, Path]:
+    """The hosts in C."""
     folder = tmp_path_factory.mktemp("hosts")
-    cache = {"ZIG_GLOBAL_CACHE_DIR": str(folder), "ZIG_LOCAL_CACHE_DIR": str(folder)}
     for name in ("steps", "host"):
         options = ["-std=c99", "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra", "-Werror", "-ldl", "-lpthread"]
         command = [*compiler, str(Path(__file__).with_name(f"{name}.c")), "-o", str(folder / name), *options]
-        subprocess.run(command, check=True, env={**os.environ, **cache})
+        subprocess.run(command, check=True)
     return {name: folder / name for name in ("steps", "host")}
 
 

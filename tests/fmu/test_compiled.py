@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import random
 import struct
@@ -52,10 +53,14 @@ def fmus(compiled_fmus) -> dict[str, Path]:
     return compiled_fmus
 
 
-def ran(program: Path, *arguments: object, lines: str = "") -> subprocess.CompletedProcess[str]:
-    """A host in an empty environment."""
+def ran(
+    program: Path, *arguments: object, lines: str = "", environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """A host in an empty environment, or this one."""
     command = [str(program), *map(str, arguments)]
-    return subprocess.run(command, input=lines, capture_output=True, text=True, env={}, timeout=300, check=False)
+    return subprocess.run(
+        command, input=lines, capture_output=True, text=True, env=environment or {}, timeout=300, check=False
+    )
 
 
 # -- what it consists of ------------------------------------------------------------------------------------------
@@ -204,6 +209,26 @@ def test_a_host_in_c_may_cut_time_steps(fmus, programs, tmp_path, length):
         printed.append(done.stdout)
     assert printed[0] == printed[1]
     assert float.fromhex(printed[0].split()[-1]) == pytest.approx(30 * DT)
+
+
+def test_functions_of_another_version_are_not_taken(fmus, programs, compiler, tmp_path):
+    """A library loaded before, for all to see, has functions of the same names that end the process."""
+    files, references = extracted(fmus["2"], tmp_path / "fmu")
+    names = ("kernels_entries_call_0", "latin_fmu_fits", "latin_fmu_open", "latin_fmu_step")
+    assert all(hasattr(ctypes.CDLL(files[0]), name) for name in names)
+    source = tmp_path / "other.c"
+    source.write_text("#include <stdlib.h>\n" + "".join(f"void {name}(void) {{ abort(); }}\n" for name in names))
+    other = tmp_path / "other.so"
+    subprocess.run([*compiler, "-shared", "-fPIC", str(source), "-o", str(other)], check=True)
+    inputs = f"{references['load.press.value']},{references['load.press.rate']}"
+    outputs = str(references["interface.crush.normalForce"])
+    lines = "\n".join(["0.25 0.0", *(f"{DT!r} {0.25 + 0.1 * i!r} 0.0" for i in range(5))])
+    alone, beside = (
+        ran(programs["steps"], *files, inputs, outputs, lines=lines, environment=environment)
+        for environment in ({}, {"LD_PRELOAD": str(other)})
+    )
+    assert beside.returncode == 0, beside.stderr
+    assert beside.stdout == alone.stdout != ""
 
 
 # -- numbers ------------------------------------------------------------------------------------------------------
