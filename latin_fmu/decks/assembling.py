@@ -34,6 +34,7 @@ def add_bodies(deck: Translation, units_size: float) -> None:
     """Substructures with their materials, ties and clearances, as the mesh reader has them; ``units_size`` : of Pa over
     that of a density times a squared speed, to choose a density that nothing depends on."""
     materials: dict[str, Any] = {}
+    spelled = {card.name("NAME").upper(): card.name("NAME") for card in deck.model.cards if card.keyword == "MATERIAL"}
     for name, constants in deck.model.materials.items():
         table = dict(deck.material_keys.get(name, {}))
         if "density" not in constants and "young_modulus" in constants and not _heavy(deck):
@@ -41,7 +42,7 @@ def add_bodies(deck: Translation, units_size: float) -> None:
             place = next(card.place for card in deck.model.cards if card.name("NAME").upper() == name)
             text = f"without *DENSITY: {table['density']:g} is put in its place, nothing depends on it without inertia"
             deck.said.append(Said(LEFT_OUT, "MATERIAL", place, text))
-        materials[part_name(name)] = table
+        materials[part_name(spelled[name])] = table
     before = deck.tables.get("substructure", {})
     raw: dict[str, Any] = {
         "material": materials,

@@ -267,9 +267,18 @@ def pretension(deck: Translation, card: Card) -> None:
         sign = -1.0
     point = [float(f"{x:.9g}") for x in facets.mean(axis=0)]
     table = {"substructure": owners[0], "axis": axis, "point": point}
-    name = deck.add("bolt", owners[0], table)
+    name = deck.add("bolt", _name_of_node(deck, card.name("NODE")) or owners[0], table)
     deck.bolts[card.name("NODE")] = SectionBolt(name, card.name("NODE"), card, sign)
     deck.used(card, f"[bolt.{name}]: cut at the place of the section, tightened before t = 0")
+
+
+def _name_of_node(deck: Translation, number: str) -> str:
+    """The node set that holds this node alone; empty where there is none."""
+    labels = deck.content.labels
+    for name, rows in deck.content.node_sets.items():
+        if len(rows) == 1 and rows[0] < len(labels) and str(labels[rows[0]]) == number and name != f"NODE_{number}":
+            return name
+    return ""
 
 
 def _outward(deck: Translation, surface: str) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -167,7 +167,7 @@ def cload(deck: Translation, card: Card) -> None:
         return
     _check_rows(deck, card, 3)
     of_bolts: list[list[str]] = []
-    for group in loaded_groups(card):
+    for group in _groups(deck, card):
         bolt = deck.bolts.get(_number(group))
         of_bolts.append([bolt.name] if bolt else [])
         if bolt:
@@ -199,7 +199,7 @@ def boundary(deck: Translation, card: Card) -> None:
     if not _in_step(deck, card, (*dict.fromkeys(kinds.values()), "bolt_shift")):
         return
     _check_rows(deck, card, 2)
-    for group in loaded_groups(card):
+    for group in _groups(deck, card):
         if bolt := deck.bolts.get(_number(group)):
             _shift_bolt(deck, card, bolt.name, group)
             continue
@@ -225,6 +225,16 @@ def _shift_bolt(deck: Translation, card: Card, name: str, group: LoadedSet) -> N
     for degree, value in group.values:
         if degree == "1":
             deck.set(DeckQuantity("bolt_shift", name), value, card)
+
+
+def _groups(deck: Translation, card: Card) -> Iterator[LoadedSet]:
+    """What the lines of a card act on; nodes of pre-tension sections one by one, also where several are loaded alike."""
+    for group in loaded_groups(card):
+        sections = [member for member in group.members if member[0] in deck.bolts]
+        yield from (LoadedSet(f"NODE_{number}", group.kind, ((number, part),), group.values) for number, part in sections)
+        others = tuple(member for member in group.members if member not in sections)
+        if others or not sections:
+            yield LoadedSet(group.name, group.kind, others, group.values)
 
 
 def _number(group: LoadedSet) -> str:
