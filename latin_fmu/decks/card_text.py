@@ -31,9 +31,7 @@ def field_text(value: Field) -> str:
     return str(value)
 
 
-def card(
-    keyword: str, parameters: Mapping[str, Field] = _NONE, rows: Iterable[Sequence[Field]] = ()
-) -> Iterator[str]:
+def card(keyword: str, parameters: Mapping[str, Field] = _NONE, rows: Iterable[Sequence[Field]] = ()) -> Iterator[str]:
     """Lines of a card.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Meshes of the bodies of a scene in one deck: numbers of nodes and elements, types of elements, faces by their numbers.
+"""Meshes of the bodies of a scene in one deck: numbers of nodes and elements, types of elements, numbers of faces.
 
 Elements of CalculiX by type of cell; pyramids, and cells with nodes in the middle of their faces, have none.
 """

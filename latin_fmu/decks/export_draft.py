@@ -72,8 +72,8 @@ class DeckDraft:
     ready : the scene on its meshes. mesh : with numbers. choices : see there. bonded : whether nodes of one number
     stand for the interfaces. said : lines of the summary. problems : reasons why it is refused. surfaces : names by
     face of the scene. pairs : slave and master surface by interface. bolts : numbers of the nodes of the sections.
-    part_sets : sets of all nodes of a body. boundary_sets, sensor_sets : sets of nodes by their tables. more_nodes : number of the nodes
-    that are of no mesh.
+    part_sets : sets of all nodes of a body. boundary_sets, sensor_sets : sets of nodes by their tables. more_nodes :
+    number of the nodes that are of no mesh.
     """
 
     ready: DiscretisedProblem

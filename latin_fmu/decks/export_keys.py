@@ -40,8 +40,20 @@ _OTHER_SIDE: Final = "what comes from outside, or goes there, has no card"
 KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
     {
         "scene": TableKeys(
-            ("name", "description", "material", "mesh", "substructure", "damping", "interface", "contact", "boundary")
-            + ("load", "gravity", "temperature", "bolt", "sensor", "time", "output"),
+            (
+                *(
+                    "name",
+                    "description",
+                    "material",
+                    "mesh",
+                    "substructure",
+                    "damping",
+                    "interface",
+                    "contact",
+                    "boundary",
+                ),
+                *("load", "gravity", "temperature", "bolt", "sensor", "time", "output"),
+            ),
             {
                 "units": "a deck has none: give them when it is read, latin-fmu import --units",
                 "limit": "the run is judged here alone",
@@ -61,13 +73,17 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
             },
         ),
         "material": TableKeys(
-            ("young_modulus", "poisson_ratio", "orthotropic", "thermal_expansion", "density", "rayleigh_mass")
-            + ("rayleigh_stiffness", "frame", "loss_factor", "at_frequency", "damping_ratios"),
+            (
+                *("young_modulus", "poisson_ratio", "orthotropic", "thermal_expansion", "density", "rayleigh_mass"),
+                *("rayleigh_stiffness", "frame", "loss_factor", "at_frequency", "damping_ratios"),
+            ),
             {"yield_stress": "stresses are judged here alone"},
         ),
         "substructure": TableKeys(
-            ("material", "box", "mesh", "rigid", "bending_modes", "reduced_integration", "initial_velocity")
-            + ("body_force", "body_force_law"),
+            (
+                *("material", "box", "mesh", "rigid", "bending_modes", "reduced_integration", "initial_velocity"),
+                *("body_force", "body_force_law"),
+            ),
             {"modal_damping": "motions go on longer in the deck"},
             {
                 "initial_spin": _START,
@@ -79,8 +95,18 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
             },
         ),
         "interface": TableKeys(
-            ("sides", "behaviour", "friction_coefficient", "normal_stiffness", "tangential_stiffness", "search", "gap")
-            + ("overlap", "points_from"),
+            (
+                *(
+                    "sides",
+                    "behaviour",
+                    "friction_coefficient",
+                    "normal_stiffness",
+                    "tangential_stiffness",
+                    "search",
+                    "gap",
+                ),
+                *("overlap", "points_from"),
+            ),
             {
                 "points_at": "contact is at all nodes of the facets in the deck",
                 "damping_ratios": "the layer loses no energy in the deck",
@@ -98,8 +124,19 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
             },
         ),
         "bolt": TableKeys(
-            ("substructure", "axis", "force", "torque", "diameter", "nut_factor", "thread_friction", "head_friction")
-            + ("head_bearing", "shortening", "point", "order", "parts", "thread", "share", "shank"),
+            (
+                *(
+                    "substructure",
+                    "axis",
+                    "force",
+                    "torque",
+                    "diameter",
+                    "nut_factor",
+                    "thread_friction",
+                    "head_friction",
+                ),
+                *("head_bearing", "shortening", "point", "order", "parts", "thread", "share", "shank"),
+            ),
             {
                 "property_class": _JUDGED,
                 "nut_bearing": _JUDGED,
@@ -110,9 +147,7 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
             },
             {"hardening": "a shank that yields"},
         ),
-        "load": TableKeys(
-            ("face", "pressure", "traction", "force", "moment", "point", "nodal_force", "axes", "law"),
-        ),
+        "load": TableKeys(("face", "pressure", "traction", "force", "moment", "point", "nodal_force", "axes", "law")),
         "sensor": TableKeys(
             ("substructure", "point"),
             {

@@ -153,7 +153,7 @@ def _pair(deck: DeckDraft, name: str, interface: Interface, unit: InterfaceUnit)
         yield from _tie(deck, name, interface, (slave, master))
         return
     yield from card("SURFACE INTERACTION", {"NAME": name})
-    yield from _behaviour(deck, name, interface)
+    yield from _behaviour(deck, interface)
     yield from card("CONTACT PAIR", {"INTERACTION": name, "TYPE": "SURFACE TO SURFACE"}, [(slave, master)])
     if interface.number_gap is not None or interface.gap == "closed":
         gap = interface.number_gap or 0.0
@@ -213,7 +213,7 @@ def _tie(deck: DeckDraft, name: str, interface: Interface, pair: tuple[str, str]
     deck.used(f"interface.{name}", f"*TIE {', '.join(pair)}")
 
 
-def _behaviour(deck: DeckDraft, name: str, interface: Interface) -> Iterator[str]:
+def _behaviour(deck: DeckDraft, interface: Interface) -> Iterator[str]:
     """The law of a contact pair. CalculiX takes the slope of a HARD one from its data line, which Abaqus and
     ``latin-fmu import`` leave alone."""
     slope = interface.normal_stiffness

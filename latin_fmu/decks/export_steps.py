@@ -61,7 +61,9 @@ def load_sets(deck: DeckDraft) -> tuple[list[ActingLoad], list[str]]:
     lines: list[str] = []
     for name, load in deck.scene.loads.items():
         if split_face(load.face)[0] in deck.ready.bodies:
-            writer = _pressure(deck, name, load, lines) if load.pressure is not None else _forces(deck, name, load, lines)
+            writer = (
+                _pressure(deck, name, load, lines) if load.pressure is not None else _forces(deck, name, load, lines)
+            )
             acting += _acting(deck, f"load.{name}", name, load.law, writer)
     for body_load in deck.scene.body_loads:
         name = body_load.of or "gravity"
@@ -72,7 +74,7 @@ def load_sets(deck: DeckDraft) -> tuple[list[ActingLoad], list[str]]:
         if body_load.kind.strains:
             writer = _temperature([deck.part_sets[n] for n in bodies], float(value))
         else:
-            density = {n: 1.0 for n in bodies}
+            density = dict.fromkeys(bodies, 1.0)
             if body_load.kind.owner(body_load.of) is not None:
                 density = {n: deck.ready.bodies[n].shape.material.density for n in bodies}
             writer = _accelerations({n: np.asarray(value) / density[n] for n in bodies})
@@ -195,7 +197,7 @@ class DeckPlan:
     @property
     def at_start(self) -> bool:
         """Whether anything acts before t = 0."""
-        return any(one.before for one in (*self.acting, *self.driven))
+        return any(one.before for one in self.acting) or any(motion.before for motion in self.driven)
 
 
 def has_steps_before(deck: DeckDraft) -> bool:
@@ -366,4 +368,3 @@ def sensor_cards(deck: DeckDraft) -> Lines:
         deck.sensor_sets[name], lines = deck.node_set(name, sensor.substructure, np.array([node]))
         yield from lines
         deck.used(f"sensor.{name}", f"*NODE PRINT {deck.sensor_sets[name]}")
-

@@ -1,4 +1,4 @@
-"""Supports and prescribed motions of a scene as cards: sets of nodes under the names of the boundaries, axes, values."""
+"""Supports and prescribed motions of a scene as cards: sets of nodes by the names of the boundaries, axes, values."""
 
 from __future__ import annotations
 
@@ -10,15 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..fem.mesh import Array, Index
-from ..scene.boundaries import (
-    AXES,
-    Boundary,
-    Driven,
-    Fixed,
-    PrescribedDisplacement,
-    PrescribedVelocity,
-    Symmetry,
-)
+from ..scene.boundaries import AXES, Boundary, Driven, Fixed, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from ..scene.fields import LocalAxes, split_face
 from ..scene.laws import InputLaw, sampled
 from .card_text import card

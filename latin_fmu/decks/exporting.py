@@ -32,8 +32,8 @@ class ExportedDeck:
     Attributes
     ----------
     model : cards before the steps, a text. steps : the steps. said : a line for each table and each key left out.
-    nodes : numbers (n_node,) of the nodes of each body. pairs : slave and master surface by interface. bolts : number of
-    the node of each section.
+    nodes : numbers (n_node,) of the nodes of each body. pairs : slave and master surface by interface. bolts : number
+    of the node of each section.
     """
 
     model: str
@@ -85,6 +85,9 @@ def export_deck(
     deck = DeckDraft(ready, NumberedMesh.of(ready.bodies, nodes), choices, bonded=nodes is not None)
     _check(deck)
     model = list(_model(deck))
+    if deck.problems:
+        # steps name what the model has
+        raise InputError(deck.problems, _HEADING)
     acting, sets = load_sets(deck)
     plan = DeckPlan(acting, list(driven_sets(deck)))
     sensors = list(sensor_cards(deck))
@@ -94,9 +97,7 @@ def export_deck(
         raise InputError(deck.problems, _HEADING)
     head = [*_heading(deck), *(f"** {one.line}" for one in deck.said if one.verdict == LEFT_OUT)]
     model_text, step_text = ("\n".join(part) + "\n" for part in ([*head, *lines], steps))
-    return ExportedDeck(
-        model_text, step_text, tuple(deck.said), deck.mesh.nodes, dict(deck.pairs), dict(deck.bolts)
-    )
+    return ExportedDeck(model_text, step_text, tuple(deck.said), deck.mesh.nodes, dict(deck.pairs), dict(deck.bolts))
 
 
 def _check(deck: DeckDraft) -> None:

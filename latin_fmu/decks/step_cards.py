@@ -228,10 +228,12 @@ def _shift_bolt(deck: Translation, card: Card, name: str, group: LoadedSet) -> N
 
 
 def _groups(deck: Translation, card: Card) -> Iterator[LoadedSet]:
-    """What the lines of a card act on; nodes of pre-tension sections one by one, also where several are loaded alike."""
+    """What the lines of a card act on; nodes of pre-tension sections one by one, several loaded alike as well."""
     for group in loaded_groups(card):
         sections = [member for member in group.members if member[0] in deck.bolts]
-        yield from (LoadedSet(f"NODE_{number}", group.kind, ((number, part),), group.values) for number, part in sections)
+        yield from (
+            LoadedSet(f"NODE_{number}", group.kind, ((number, part),), group.values) for number, part in sections
+        )
         others = tuple(member for member in group.members if member not in sections)
         if others or not sections:
             yield LoadedSet(group.name, group.kind, others, group.values)
