@@ -143,7 +143,6 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
                 "permissible_pressure": _JUDGED,
                 "clamp_length": _JUDGED,
                 "rolled": _JUDGED,
-                "yield_stress": _JUDGED,
             },
             {"hardening": "a shank that yields"},
         ),

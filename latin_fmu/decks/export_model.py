@@ -13,7 +13,7 @@ from ..fem.faces import Surface
 from ..fem.mesh import FacetBlock, FacetSet, Index
 from ..fem.mortar import common_cells
 from ..latin.assembly import InterfaceUnit
-from ..scene.fields import ALL_OF_IT, split_face
+from ..scene.fields import ALL_OF_IT, BOX_FACES, split_face
 from ..scene.interfaces import Interface
 from ..scene.materials import MaterialTable
 from ..scene.substructures import part_name
@@ -165,13 +165,13 @@ def _pair(deck: DeckDraft, name: str, interface: Interface, unit: InterfaceUnit)
 
 
 def _stem(deck: DeckDraft, interface: str, side: str) -> str:
-    """Name of a surface: that of the face where one body has it, else with that of the body; of a whole boundary it is
-    that of the interface and the body."""
+    """Name of a surface: that of the face where one body has it, else with that of the body, as of the faces of boxes;
+    of a whole boundary it is that of the interface and the body."""
     body, face = split_face(side)
     if face == ALL_OF_IT:
         return f"{interface}_{body}"
     sides = {side for table in deck.scene.interface.values() for side in table.sides}
-    if len([other for other in sides if other.partition(".")[2] == face]) > 1:
+    if face in BOX_FACES or len([other for other in sides if other.partition(".")[2] == face]) > 1:
         return part_name(f"{body}_{face}")
     return part_name(face)
 

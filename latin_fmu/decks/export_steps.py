@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -165,20 +165,20 @@ def _refuse_twice(deck: DeckDraft) -> None:
         if len(twice) > 1 or len(of_body) - len(twice) > 1:
             what = "two loads of all of a body: of a deck the last one alone counts"
             deck.refuse(f"substructure.{name}", what, ", ".join(of_body), "make one load of them")
-    seen: dict[tuple[str, str], tuple[str, set[int]]] = {}
+    seen: dict[str, tuple[Load, set[Any]]] = {}
     for name, load in deck.scene.loads.items():
         body, face = split_face(load.face)
         if body not in deck.ready.bodies:
             continue
-        nodes = set(deck.ready.bodies[body].nodes_of(face).tolist())
-        kind = "pressure" if load.pressure is not None else "forces"
-        for (other_body, other_kind), (other, others) in seen.items():
-            alike = (other_body, other_kind) == (body, kind) and load.law != deck.scene.loads[other].law
-            least = 3 if kind == "pressure" else 1
-            if alike and len(nodes & others) >= least:
-                what = f"two {kind} with different laws on the same nodes: of a deck the last one alone counts"
+        places: set[Any] = {(body, int(node)) for node in deck.ready.bodies[body].nodes_of(face)}
+        if load.pressure is not None:
+            places = set(deck.mesh.faces(body, deck.ready.bodies[body].facets(face)))
+        for other, (table, others) in seen.items():
+            alike = (table.pressure is None) == (load.pressure is None) and table.law != load.law
+            if alike and places & others:
+                what = "two laws of loads on the same nodes or facets: of a deck the last one alone counts"
                 deck.refuse(f"load.{name}", what, other, "let them act on different faces")
-        seen[body, kind] = (name, nodes)
+        seen[name] = load, places
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------
