@@ -61,7 +61,8 @@ class Printed:
 
 @dataclass(frozen=True)
 class Finished:
-    """A run of ccx: CPU seconds, increments and iterations, and what it printed; ``complete``: reached the end."""
+    """A run of ccx: CPU seconds, increments and iterations, and what it printed; ``complete``: reached the end. text :
+    of the .dat file."""
 
     seconds: float
     increments: int
@@ -69,6 +70,7 @@ class Finished:
     complete: bool
     printed: Printed
     stress: Array | None = None
+    text: str = ""
 
 
 def installed() -> bool:
@@ -88,12 +90,13 @@ def run(deck: str, end: float, limit: float = 600.0) -> Finished:
         after = os.times()
         seconds = after.children_user + after.children_system - before.children_user - before.children_system
         data = place / "deck.dat"
-        printed = read(data.read_text()) if data.exists() else Printed(np.zeros(0), None, {})
+        text = data.read_text() if data.exists() else ""
+        printed = read(text)
         counts = _steps(place / "deck.sta")
         fields = place / "deck.frd"
         stress = stress_of(fields.read_text()) if fields.exists() else None
     complete = bool(len(printed.time)) and printed.time[-1] >= end * (1.0 - 1e-6)
-    return Finished(seconds, len(counts), sum(counts), complete, printed, stress)
+    return Finished(seconds, len(counts), sum(counts), complete, printed, stress, text)
 
 
 def _steps(path: Path) -> list[int]:

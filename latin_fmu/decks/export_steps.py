@@ -293,7 +293,9 @@ def _procedure(deck: DeckDraft) -> Lines:
     choices, dt, end = deck.choices, deck.ready.dt, float(deck.ready.time[-1])
     times: tuple[float, ...] = (dt, end)
     parameters: dict[str, Field] = {}
-    if choices.direct:
+    # an explicit step with DIRECT does not come to an end in CalculiX 2.20
+    explicit = isinstance(deck.ready.scheme, CentralDifference)
+    if choices.direct and not explicit:
         parameters["DIRECT"] = ""
     else:
         times = (dt, end, _SHORTEST * dt, dt)
@@ -301,7 +303,7 @@ def _procedure(deck: DeckDraft) -> Lines:
         yield from card("STATIC", parameters, [times])
         return
     alpha = _alpha(deck)
-    if isinstance(deck.ready.scheme, CentralDifference):
+    if explicit:
         parameters["EXPLICIT"] = ""
     elif alpha is not None:
         parameters = {"ALPHA": alpha, **parameters}

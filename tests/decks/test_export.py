@@ -84,6 +84,16 @@ def push(**more: Any) -> dict[str, Any]:
     return {"push": {"face": "bar.zmax", "law": RAMP, **more}}
 
 
+ORTHOTROPIC = {
+    "orthotropic": {
+        "young_moduli": [60e3, 20e3, 10e3],
+        "poisson_ratios": [0.2, 0.3, 0.25],
+        "shear_moduli": [8e3, 6e3, 4e3],
+        "axes": {"x": [1.0, 1.0, 0.0], "y": [-1.0, 1.0, 0.0]},
+        "thermal_expansions": [1e-5, 2e-5, 3e-5],
+    },
+    "density": 2e-9,
+}
 PULSE = {"end": 20e-6, "instants": 20}
 TURNED = {"x": [1.0, 1.0, 0.0], "y": [-1.0, 1.0, 0.0]}
 SINE = {"type": "half_sine", "duration": 10e-6}
@@ -110,6 +120,10 @@ SCENES: dict[str, dict[str, Any]] = {
     ),
     "heat": bar(
         material={"steel": {**STEEL, "thermal_expansion": 1.2e-5}}, temperature={"hot": {"change": 100.0, "law": RAMP}}
+    ),
+    "an orthotropic material": bar(material={"steel": dict(ORTHOTROPIC)}, load=push(traction=[3.0, 1.0, -2.0])),
+    "heat of an orthotropic material": bar(
+        material={"steel": dict(ORTHOTROPIC)}, temperature={"hot": {"change": 100.0, "law": RAMP}}
     ),
     "bending modes": bar(
         substructure={
