@@ -59,7 +59,7 @@ class ToldOfTable:
 
     @property
     def line(self) -> str:
-        """The line."""
+        """Verdict, table and text in one."""
         return f"{self.verdict}: {self.where}: {self.text}"
 
 

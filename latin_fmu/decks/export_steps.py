@@ -220,7 +220,7 @@ def _has_amplitude(deck: DeckDraft, load: ActingLoad) -> bool:
 
 
 def step_cards(deck: DeckDraft, plan: DeckPlan) -> Lines:
-    """All steps."""
+    """Steps that tighten bolts, the static start, the step of the scene."""
     orders = sorted({cut.table.order for cut in deck.ready.cuts.values()})
     first = True
     for order in orders:

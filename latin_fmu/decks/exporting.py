@@ -45,7 +45,7 @@ class ExportedDeck:
 
     @property
     def text(self) -> str:
-        """The deck."""
+        """Model and steps in one text."""
         return self.model + self.steps
 
     def summary(self) -> list[str]:

@@ -67,7 +67,8 @@ STATIC = {
     "incompatible modes": one_block(BAR, "C3D8I") + STEEL + HELD + static("*CLOAD\nTOP, 1, 30.\n" + OUTPUT),
     "stiffnesses of three axes": one_block(BAR).replace("MATERIAL=STEEL", "MATERIAL=STEEL, ORIENTATION=AX")
     + "*ORIENTATION, NAME=AX, SYSTEM=RECTANGULAR\n1., 1., 0., -1., 1., 0.\n*MATERIAL, NAME=STEEL\n"
-    + "*ELASTIC, TYPE=ORTHO\n70000., 9000., 30000., 8000., 6000., 20000., 8000., 6000.,\n4000., 294.\n*DENSITY\n7.8e-9\n"
+    + "*ELASTIC, TYPE=ORTHO\n70000., 9000., 30000., 8000., 6000., 20000., 8000., 6000.,\n4000., 294.\n"
+    + "*DENSITY\n7.8e-9\n"
     + HELD + static("*CLOAD\nTOP, 1, 3.\nTIP, 3, 5.\n" + OUTPUT),
     "tied blocks": two_blocks() + STEEL + "*TIE, NAME=GLUE\nHIGHDOWN, LOWUP\n" + HELD
     + static("*CLOAD\nTOP, 1, 30.\n" + OUTPUT),
