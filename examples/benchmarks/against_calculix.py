@@ -27,7 +27,7 @@ from typing import Any
 
 import flange
 import numpy as np
-from calculix import MISSING, Choices, Deck, Finished, installed, run
+from calculix import MISSING, Finished, installed, run, shared_nodes
 from floor import Floor
 from harness import (
     TIGHT,
@@ -49,16 +49,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 import latin_fmu
+from latin_fmu.decks.export_draft import DeckChoices
+from latin_fmu.decks.exporting import export_deck
 from latin_fmu.latin.outcome import Outcome
 
 FINER = 8  # steps of the reference
 SECTION = 1e-4  # of P1, m2
 SETTINGS = {
-    "same scheme": Choices(),
-    "stiffer penalty": Choices(stiffness=50.0),
-    "more damping": Choices(alpha=-0.3, stiffness=50.0),
+    "same scheme": DeckChoices(penalty=10.0),
+    "stiffer penalty": DeckChoices(penalty=50.0),
+    "more damping": DeckChoices(penalty=50.0, alpha=-0.3),
 }
-PENALTY = Choices(stiffness=1000.0)
+PENALTY = DeckChoices(penalty=1000.0)
 SAME = {"tolerance": 3e-4}  # errors no larger than those of CalculiX
 PLATES: dict[str, dict[str, Any]] = {"own factors": {"share_identical": False, **SAME}, "shared factors": SAME}
 Stacks = Sequence[tuple[int, Mapping[str, tuple[float, float]]]]
@@ -117,11 +119,14 @@ def reference(case: Case) -> ForceHistory:
     return ForceHistory("finer steps", 0.0, found.time, found.interfaces["i1"].normal_resultant())
 
 
-def of_calculix(case: Case, name: str, choices: Choices, limit: float) -> ForceHistory:
+def of_calculix(case: Case, name: str, choices: DeckChoices, limit: float) -> ForceHistory:
     """CalculiX on the deck of the scene."""
     ready = prepared(case, {})
-    found = run(Deck(ready, choices).text(), float(ready.time[-1]), limit)
-    force = found.printed.force.get(("B2_ZMIN", "B1_ZMAX"), np.zeros((1, 3)))[:, 2]
+    deck = export_deck(ready, choices)
+    found = run(deck.text, float(ready.time[-1]), limit)
+    slave, master = (surface.upper() for surface in deck.pairs["i1"])
+    # on the lower block, which gives the points
+    force = -found.printed.force.get((slave, master), np.zeros((1, 3)))[:, 2]
     time = found.printed.time if len(found.printed.time) else np.zeros(1)
     work = f"{found.increments} increments, {found.iterations} iterations"
     return ForceHistory(f"CalculiX, {name}", found.seconds, time, force, found.complete, work)
@@ -140,13 +145,13 @@ def closed(case: Case) -> Case:
 def proof(case: Case, limit: float) -> tuple[float, Finished]:
     """Largest difference of the bonded marches over the largest displacement, and the run of CalculiX."""
     ready = prepared(closed(case), {})
-    deck = Deck(ready, Choices(bonded=True, fixed=True, displacements=True))
-    there = run(deck.text(), float(ready.time[-1]), limit)
+    deck = export_deck(ready, DeckChoices(direct=True, every=True), shared_nodes(ready))
+    there = run(deck.text, float(ready.time[-1]), limit)
     fields = there.printed.displacement
     if fields is None or not there.complete:
         return float("nan"), there
     floor, worst = Floor(ready), 0.0
-    numbers = np.concatenate([deck.node[n] for n in ready.bodies]) - 1
+    numbers = np.concatenate([deck.nodes[n] for n in ready.bodies]) - 1
     for here, field in zip(floor.displacements(), fields, strict=True):
         worst = max(worst, float(np.abs(field[numbers] - here).max()))
     return worst / float(np.abs(fields).max()), there
@@ -215,15 +220,15 @@ def compare_plates(counts: Sequence[int], limit: float) -> list[tuple[int, dict[
     return found
 
 
-def plates_by_calculix(case: Case, choices: Choices, limit: float) -> tuple[float, tools.Array | None]:
+def plates_by_calculix(case: Case, choices: DeckChoices, limit: float) -> tuple[float, tools.Array | None]:
     """CPU seconds of CalculiX, and ``moved`` by it; None where it did not reach the end."""
     ready = prepared(case, {})
-    deck = Deck(ready, replace(choices, displacements=True, last=True))
-    there = run(deck.text(), float(ready.time[-1]), limit)
+    deck = export_deck(ready, replace(choices, every=True, last=True))
+    there = run(deck.text, float(ready.time[-1]), limit)
     fields = there.printed.displacement
     if fields is None or not there.complete:
         return there.seconds, None
-    return there.seconds, fields[-1][np.concatenate([deck.node[n] for n in ready.bodies]) - 1]
+    return there.seconds, fields[-1][np.concatenate([deck.nodes[n] for n in ready.bodies]) - 1]
 
 
 def moved(case: Case, solver: dict[str, Any]) -> tools.Array:

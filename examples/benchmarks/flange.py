@@ -17,11 +17,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from calculix import Choices, Deck, run
+from calculix import run
 from harness import STEEL, Case, cpu, prepared, tools
 
 import latin_fmu
 from latin_fmu.building import discretise
+from latin_fmu.decks.export_draft import DeckChoices
+from latin_fmu.decks.exporting import export_deck
 from latin_fmu.fem.faces import Face, face_of
 from latin_fmu.fem.mesh_file import mesh_of
 from latin_fmu.latin.outcome import Outcome
@@ -31,7 +33,7 @@ BORE, RIM, HIGH = 20.0, 40.0, 8.0  # mm, of a ring
 PLACES = [(30.0, 0.0), (0.0, 30.0), (-30.0, 0.0), (0.0, -30.0)]
 HOLE, SHANK, HEAD, HEAD_HIGH = 3.3, 3.0, 5.0, 4.0
 FRICTION, PULL, SHEAR, LIFT = 0.15, 8e3, 1.2e6, 3.0e6  # -, N, Pa, Pa
-PENALTY = Choices(stiffness=100.0)
+PENALTY = DeckChoices(penalty=100.0)
 NO_GMSH = "gmsh is not installed: pip install gmsh; the flange is not compared"
 VARIANTS: dict[str, dict[str, Any]] = {"as it comes": {}, "without Newton steps": {"newton": False}}
 
@@ -188,15 +190,15 @@ def of_package(case: Case, solver: dict[str, Any]) -> FlangeResult:
     )
 
 
-def of_calculix(case: Case, choices: Choices, limit: float) -> FlangeResult | None:
+def of_calculix(case: Case, choices: DeckChoices, limit: float) -> FlangeResult | None:
     """CalculiX on the deck of the scene; None where it did not reach the end."""
     ready = prepared(case, {})
-    deck = Deck(ready, replace(choices, displacements=True, last=True))
-    there = run(deck.text(), float(ready.time[-1]), limit)
+    deck = export_deck(ready, replace(choices, every=True, last=True))
+    there = run(deck.text, float(ready.time[-1]), limit)
     fields = there.printed.displacement
     if fields is None or not there.complete:
         return None
-    moved = {name: fields[-1][deck.node[name] - 1] for name in ready.bodies}
+    moved = {name: fields[-1][deck.nodes[name] - 1] for name in ready.bodies}
     force = there.printed.force["UPPER_JOINT", "LOWER_JOINT"][-1]
     rim = mean(ready.bodies["upper"].face("rim"), moved["upper"])
     return FlangeResult(there.seconds, -force, rim, np.concatenate([*moved.values()]))

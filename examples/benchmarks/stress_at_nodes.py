@@ -18,15 +18,18 @@ from tempfile import TemporaryDirectory
 
 import flange
 import numpy as np
-from calculix import FACES, MISSING, Deck, installed, run, wrapped
+from calculix import MISSING, installed, run
 from harness import prepared, tools
 
 import latin_fmu
+from latin_fmu.decks.card_text import card, element_card, node_card, node_set_card
+from latin_fmu.decks.exporting import export_deck
 from latin_fmu.decks.importing import import_deck
 from latin_fmu.fem.elasticity import von_mises
 from latin_fmu.fem.elements import principal
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.fem.reference_cells import CELL_EDGES
+from latin_fmu.mesh_files.abaqus import SOLID_FACES
 
 PULL = 100.0  # MPa
 FLANGE = flange.Mesh(5.0, 5.0, 2.0)
@@ -56,18 +59,20 @@ class Solid:
 
     def deck(self) -> str:
         """Deck for CalculiX, mm, t, s."""
-        lines = ["*NODE, NSET=NALL"]
-        lines += [f"{i}, " + ", ".join(f"{x:.12e}" for x in place) for i, place in enumerate(self.nodes.tolist(), 1)]
-        lines.append("*ELEMENT, TYPE=C3D10, ELSET=SOLID")
-        lines += [", ".join(map(str, (i, *nodes))) for i, nodes in enumerate((self.cells + 1).tolist(), 1)]
+        numbers = np.arange(1, len(self.nodes) + 1)
+        elements = np.arange(1, len(self.cells) + 1)
+        lines = [*node_card(self.nodes, numbers, "NALL"), *element_card("C3D10", self.cells + 1, elements, "SOLID")]
         for axis, nodes in enumerate(self.held, 1):
-            lines += [f"*NSET, NSET=HELD{axis}", *wrapped(nodes + 1)]
-        lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", f"210000., {self.ratio}", "*DENSITY", "7.8e-9"]
-        lines += ["*SOLID SECTION, ELSET=SOLID, MATERIAL=STEEL", "*BOUNDARY"]
-        lines += [f"HELD{axis}, {axis}, {axis}" for axis in range(1, len(self.held) + 1)]
-        lines += ["*STEP", "*STATIC", "1., 1.", "*DLOAD"]
-        lines += [f"{element + 1}, P{face}, {-PULL}" for element, face in self.pulled]
-        return "\n".join([*lines, "*NODE FILE", "U", "*EL FILE", "S", "*END STEP", ""])
+            lines += node_set_card(f"HELD{axis}", nodes + 1)
+        lines += card("MATERIAL", {"NAME": "STEEL"})
+        lines += card("ELASTIC", rows=[(210e3, self.ratio)])
+        lines += card("DENSITY", rows=[(7.8e-9,)])
+        lines += card("SOLID SECTION", {"ELSET": "SOLID", "MATERIAL": "STEEL"})
+        lines += card("BOUNDARY", rows=[(f"HELD{axis}", axis, axis) for axis in range(1, len(self.held) + 1)])
+        lines += [*card("STEP"), *card("STATIC", rows=[(1.0, 1.0)])]
+        lines += card("DLOAD", rows=[(element + 1, f"P{face}", -PULL) for element, face in self.pulled])
+        lines += [*card("NODE FILE", rows=[("U",)]), *card("EL FILE", rows=[("S",)]), *card("END STEP")]
+        return "\n".join([*lines, ""])
 
 
 def quadratic(
@@ -93,7 +98,7 @@ def faces_on(cells: np.ndarray, chosen: np.ndarray) -> list[tuple[int, int]]:
     """Elements and numbers of their faces whose corners are all among the ``chosen`` nodes (a mask)."""
     return [
         (element, number)
-        for number, local in enumerate(FACES["tetra"], 1)
+        for number, local in enumerate(SOLID_FACES[4], 1)
         for element in np.flatnonzero(chosen[cells[:, list(local)]].all(axis=1)).tolist()
     ]
 
@@ -238,7 +243,7 @@ def flange_comparison(mesh: flange.Mesh, limit: float) -> StressComparison:
         case.description["output"] |= {"nodal_stress": True}
         solution = latin_fmu.solve(latin_fmu.scene_from_dict(case.description))
         ready = prepared(case, {})
-    deck = Deck(ready, replace(flange.PENALTY, stresses=True))
+    deck = export_deck(ready, replace(flange.PENALTY, stresses=True, last=True))
     stresses, near = [], []
     for name, request in solution.recovered.items():
         history = solution.substructures[name]
@@ -248,9 +253,9 @@ def flange_comparison(mesh: flange.Mesh, limit: float) -> StressComparison:
         near.append(history.marks.contact_edge)
     there = None
     if installed():
-        found = run(deck.text(), float(ready.time[-1]), limit).stress
+        found = run(deck.text, float(ready.time[-1]), limit).stress
         if found is not None:
-            there = np.concatenate([found[deck.node[name] - 1] for name in solution.recovered])
+            there = np.concatenate([found[deck.nodes[name] - 1] for name in solution.recovered])
     here = 1e-6 * np.concatenate(stresses)
     return compared("bolted flange", here, None if there is None else 1e-6 * there, np.concatenate(near), np.nan)
 

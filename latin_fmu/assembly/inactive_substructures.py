@@ -126,7 +126,7 @@ def _transit(body: Body, first: str, second: str) -> float:
     """Shortest time from one face of a body to another, s."""
     if body.rigid:
         return 0.0
-    distance, _ = nearest(body.mesh.nodes[body.face(first).nodes], body.mesh.nodes[body.face(second).nodes])
+    distance, _ = nearest(body.mesh.nodes[body.nodes_of(first)], body.mesh.nodes[body.nodes_of(second)])
     speed = body.shape.impedances[0] / body.shape.material.density
     return float(distance.min()) / speed
 

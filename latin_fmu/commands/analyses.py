@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
 from . import CONVERGED, Json, OfScene, Waiting, check_netcdf, output_file, tell, tell_written
+from .decks import deck_of_scene
 from .options import Argument, Option, command, handed
 
 if TYPE_CHECKING:
@@ -39,9 +40,11 @@ _EXPORT_EXAMPLES = """\
 examples:
   latin-fmu export out.nc
   latin-fmu export out.nc --sensor tip --g -o tip
+  latin-fmu export --deck scene.toml -o scene.inp
 
 Writes STEM.csv, a row for each instant and columns for displacement, velocity and acceleration of every sensor, and
 STEM.unv, a universal file (dataset 58) with these and the stored spectra in SI for the software of test laboratories.
+With --deck a scene as a deck of CalculiX, and a line for each table: used, or left out with what that changes.
 """
 _MODES_EXAMPLES = """\
 examples:
@@ -326,6 +329,13 @@ class OfSensors:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OfExport(OfSensors):
+    """Options of ``export``."""
+
+    deck: Annotated[bool, Option("the file is a scene, which is written as a deck of CalculiX (.inp)")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class SrsOptions(OfSensors):
     """Options of ``srs``."""
 
@@ -482,14 +492,20 @@ def record_spectrum(law: dict[str, Any], requested: Mapping[str, Any]) -> tuple[
 
 @command(_EXPORT_EXAMPLES)
 def export(
-    of: OfSensors,
-    output: Annotated[Path | None, Option("default: RESULT_sensors beside the results", "STEM", "-o")] = None,
+    of: OfExport,
+    output: Annotated[
+        Path | None,
+        Option("default: RESULT_sensors beside the results; of a deck SCENE.inp in the current folder", "STEM", "-o"),
+    ] = None,
 ) -> int:
-    """Write the motions of the sensors of a results file as a table and as a universal file (UNV 58)."""
+    """Write the motions of the sensors of a results file as a table and as a universal file (UNV 58), or a scene as a
+    deck of CalculiX."""
     from ..results.export import sensors_as_csv, universal_file
     from ..results.files import open_results, readable
     from ..results.writing import write_bytes
 
+    if of.deck:
+        return deck_of_scene(of.results, output)
     stem = output or of.results.with_name(f"{of.results.stem}_sensors")
     targets = targets_of(stem, "csv", "unv")
     with closing(open_results(of.results)) as tree, readable(of.results):

@@ -1,4 +1,4 @@
-"""``latin-fmu import``: a deck of Abaqus or CalculiX as a scene."""
+"""``latin-fmu import``: a deck of Abaqus or CalculiX as a scene; ``latin-fmu export --deck``: a scene as a deck."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ Units = Annotated[
     Literal["mm-t-s", "m", "in", "none"] | None,
     Option("units of a deck: mm, t, s, MPa; m, kg, s, Pa; in, lbf, s, psi (default: by its modulus and density)"),
 ]
+_UNWRITTEN = "the deck is not written"
 _EXAMPLES = """\
 examples:
   latin-fmu import bracket.inp
@@ -62,6 +63,33 @@ def scene_of_deck(file: Path, target: Path, units: str | None, replace: bool = F
         raise InputError.of("the scene is not written", str(target), what, remedy=remedy)
     write_bytes(target, text.encode())
     return imported
+
+
+def deck_of_scene(file: Path, output: Path | None) -> int:
+    """Write a scene as a deck, and say of each table what becomes of it.
+
+    Raises
+    ------
+    InputError : tables that no card says; the deck is there with another text and was not named, or is a mesh of the
+        scene.
+    """
+    from ..decks.exporting import export_deck
+    from ..reader import load_scene
+    from ..results.writing import check_target, write_bytes
+
+    target = check_target(output or Path(f"{file.stem}.inp"))
+    scene = load_scene(file)
+    meshes = [body.mesh.file for body in scene.substructure.values() if body.mesh is not None]
+    if any(target.resolve() == (scene.base_dir / mesh).resolve() for mesh in meshes):
+        what, remedy = "this is a mesh of the scene", "name another file: -o NAME.inp"
+        raise InputError.of(_UNWRITTEN, str(target), what, remedy=remedy)
+    exported = export_deck(scene)
+    if output is None and target.is_file() and target.read_text(encoding="utf-8", errors="replace") != exported.text:
+        what = "this file is there, and is not what the scene becomes"
+        raise InputError.of(_UNWRITTEN, str(target), what, remedy="remove it, or name it: -o NAME.inp")
+    write_bytes(target, exported.text.encode())
+    print("\n".join([*exported.summary(), f"deck: {target}"]))
+    return CONVERGED
 
 
 def is_deck_file(file: Path) -> bool:

@@ -34,14 +34,18 @@ def add_bodies(deck: Translation, units_size: float) -> None:
     """Substructures with their materials, ties and clearances, as the mesh reader has them; ``units_size`` : of Pa over
     that of a density times a squared speed, to choose a density that nothing depends on."""
     materials: dict[str, Any] = {}
+    spelled = {card.name("NAME").upper(): card.name("NAME") for card in deck.model.cards if card.keyword == "MATERIAL"}
     for name, constants in deck.model.materials.items():
-        table = dict(deck.material_keys.get(name, {}))
-        if "density" not in constants and "young_modulus" in constants and not _heavy(deck):
-            table["density"] = float(f"{constants['young_modulus'] * units_size / _WAVE_SPEED**2:.4g}")
+        table = _with_axes(deck, name, dict(deck.material_keys.get(name, {})))
+        modulus = constants.get("young_modulus")
+        if "orthotropic" in table:
+            modulus = table["orthotropic"]["young_moduli"][0]
+        if "density" not in constants and modulus is not None and not _heavy(deck):
+            table["density"] = float(f"{modulus * units_size / _WAVE_SPEED**2:.4g}")
             place = next(card.place for card in deck.model.cards if card.name("NAME").upper() == name)
             text = f"without *DENSITY: {table['density']:g} is put in its place, nothing depends on it without inertia"
             deck.said.append(Said(LEFT_OUT, "MATERIAL", place, text))
-        materials[part_name(name)] = table
+        materials[part_name(spelled[name])] = table
     before = deck.tables.get("substructure", {})
     raw: dict[str, Any] = {
         "material": materials,
@@ -67,6 +71,33 @@ def add_bodies(deck: Translation, units_size: float) -> None:
         deck.refuse(card, "ties between parts that are in contact or tied elsewhere", ", ".join(lost), remedy)
     _add_types(deck)
     _join_shared(deck)
+
+
+def _with_axes(deck: Translation, name: str, keys: dict[str, Any]) -> dict[str, Any]:
+    """Keys of a material: constants of an orthotropic one along the axes that its sections name, in one table."""
+    three = keys.pop("thermal_expansions", None)
+    own = keys.get("orthotropic")
+    if own is None:
+        if three is not None:
+            place = next(card for card in deck.model.cards if card.name("NAME").upper() == name)
+            deck.refuse(place, "three coefficients of expansion of an isotropic material", name)
+        return keys
+    if "thermal_expansion" in keys:
+        own["thermal_expansions"] = three or [keys.pop("thermal_expansion")] * 3
+        keys.pop("thermal_expansion", None)
+    axes = deck.section_axes.get(name, set())
+    found = [deck.orientations[one] for one in sorted(axes) if one in deck.orientations]
+    sections = [material for _, material in deck.model.sections if material == name]
+    if len(found) == 1 and len(axes) == 1:
+        own["axes"] = found[0]
+    if len(axes) > 1 or len(found) < len(axes):
+        place = next(card for card in deck.model.cards if card.name("NAME").upper() == name)
+        what = "an orthotropic material has the axes of one *ORIENTATION that is there"
+        deck.refuse(place, what, ", ".join(sorted(axes)), "make a material for each of them")
+    elif axes and len(sections) > deck.sections_turned(name):
+        place = next(card for card in deck.model.cards if card.name("NAME").upper() == name)
+        deck.refuse(place, "an orthotropic material in sections with and without ORIENTATION", name)
+    return keys
 
 
 def _heavy(deck: Translation) -> bool:
@@ -401,7 +432,8 @@ def _add_temperatures(deck: Translation, axis: Axis) -> None:
             deck.refuse(history.settings[-1].card, "an amplitude of a temperature, with an initial one that is not 0")
         amount, law, _ = axis.law(cold)
         body = deck.tables["substructure"][quantity.target]
-        if "thermal_expansion" not in deck.tables["material"].get(body.get("material"), {}):
+        material = deck.tables["material"].get(body.get("material"), {})
+        if "thermal_expansion" not in material and "thermal_expansions" not in material.get("orthotropic", {}):
             deck.refuse(history.settings[-1].card, "the material has no *EXPANSION", quantity.target)
         if amount:
             alike.setdefault(json.dumps([amount, law]), (amount, law, []))[2].append(quantity.target)

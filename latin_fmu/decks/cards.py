@@ -43,6 +43,7 @@ TRANSLATORS: Final[Mapping[str, Translator]] = MappingProxyType(
         "TRANSFORM": _transform,
         "MATERIAL": model_cards.material,
         "ELASTIC": model_cards.elastic,
+        "ORIENTATION": model_cards.orientation,
         "DENSITY": model_cards.density,
         "EXPANSION": model_cards.expansion,
         "DAMPING": model_cards.damping,
@@ -90,7 +91,6 @@ LEFT_OUT: Final[Mapping[str, str]] = MappingProxyType(
         "CONDUCTIVITY": "heat is not computed",
         "SPECIFIC HEAT": "heat is not computed",
         "PHYSICAL CONSTANTS": "no radiation or gravitation between bodies",
-        "ORIENTATION": "materials are isotropic, stresses along the global axes",
         "CONTACT DAMPING": "contacts have no damping of their own, so that motions last longer than in the deck",
         "USER OUTPUT VARIABLES": _FORMS,
     }
@@ -100,9 +100,17 @@ LEFT_OUT: Final[Mapping[str, str]] = MappingProxyType(
 _PLASTICITY: Final = "materials are elastic here: stresses above yield would be too large"
 _THIN: Final = "thin parts are meshed with solids here"
 _HEAT: Final = "heat is not computed; temperatures that are known are *TEMPERATURE"
-_ROTATION: Final = "loads of rotating frames depend on the place: none of a scene"
+_ROTATION: Final = "forces of rotation grow with the distance from the axis, loads of a scene are even over a body"
 _CHANGES: Final = "contact that changes from step to step"
-_JOINTS: Final = "write the mesh of a scene with [coupling.NAME], [spring.NAME] or [point_mass.NAME]"
+_JOINTS: Final = "write the mesh of a scene with [spring.NAME] or [point_mass.NAME]"
+_COUPLED: Final = (
+    "the unknowns of a reference node are none of a scene: in one for this mesh a force on it is `force` with `point` "
+    "of [load.NAME] on the face, a rigid face [coupling.NAME] with rigid = true"
+)
+_EQUATIONS: Final = (
+    "sums of displacements of single nodes are none of a scene: in one for this mesh faces that move alike are a "
+    "perfect [interface.NAME], a plane of symmetry a [boundary.NAME], a sector [boundary.NAME] of the type periodic"
+)
 REFUSED: Final[Mapping[str, str]] = MappingProxyType(
     {
         "PLASTIC": _PLASTICITY,
@@ -137,12 +145,12 @@ REFUSED: Final[Mapping[str, str]] = MappingProxyType(
         "CHANGE FRICTION": _CHANGES,
         "CHANGE SURFACE BEHAVIOR": _CHANGES,
         "CHANGE CONTACT TYPE": _CHANGES,
-        "MPC": _JOINTS,
-        "EQUATION": _JOINTS,
-        "COUPLING": _JOINTS,
-        "KINEMATIC": _JOINTS,
-        "DISTRIBUTING": _JOINTS,
-        "DISTRIBUTING COUPLING": _JOINTS,
+        "MPC": _EQUATIONS,
+        "EQUATION": _EQUATIONS,
+        "COUPLING": _COUPLED,
+        "KINEMATIC": _COUPLED,
+        "DISTRIBUTING": _COUPLED,
+        "DISTRIBUTING COUPLING": _COUPLED,
         "MASS": _JOINTS,
         "SPRING": _JOINTS,
         "DASHPOT": _JOINTS,

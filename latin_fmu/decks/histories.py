@@ -172,6 +172,7 @@ def law_of(points: Points, before: float | None, step: float) -> tuple[float, Ma
     amount = values[-1]
     if abs(amount) <= _SAME * max(map(abs, values)):
         amount = max(values, key=abs)
+    amount = tidy(amount)
     if amount == 0.0 or all(math.isclose(v, amount, rel_tol=_SAME) for v in values):
         return amount, None
     if len(clean) < 2:

@@ -23,14 +23,67 @@ def material(deck: Translation, card: Card) -> None:
 
 
 def elastic(deck: Translation, card: Card) -> None:
-    """*ELASTIC, isotropic, at one temperature."""
-    if card.name("TYPE").upper() not in ("", "ISO", "ISOTROPIC"):
-        remedy = "write [material.NAME.orthotropic] in a scene for the mesh"
-        deck.refuse(card, "isotropic constants alone are translated", f"TYPE={card.name('TYPE')}", remedy)
+    """*ELASTIC, isotropic or orthotropic, at one temperature."""
+    kind = card.name("TYPE").upper()
+    if kind in _ORTHOTROPIC:
+        constants = _nine_constants(deck, card, kind)
+        if constants is not None:
+            deck.material_keys.setdefault(deck.material, {})["orthotropic"] = constants
+            deck.used(card, "orthotropic, along the axes of the ORIENTATION of its sections")
+    elif kind not in ("", "ISO", "ISOTROPIC"):
+        what = "isotropic and orthotropic constants alone are translated"
+        deck.refuse(
+            card, what, f"TYPE={card.name('TYPE')}", "write [material.NAME.orthotropic] in a scene for the mesh"
+        )
     elif "young_modulus" not in deck.model.materials.get(deck.material, {}) or len(card.rows) != 1:
         deck.refuse(card, "two constants at one temperature alone are translated", f"{len(card.rows)} lines")
     else:
         deck.used(card, "young_modulus and poisson_ratio")
+
+
+_ORTHOTROPIC: Final = ("ENGINEERING CONSTANTS", "ORTHO", "ORTHOTROPIC")
+
+
+def _nine_constants(deck: Translation, card: Card, kind: str) -> dict[str, Any] | None:
+    """Nine constants of an orthotropic material: given, or those of nine stiffnesses; None with a problem.
+
+    Stiffnesses are D1111, D1122, D2222, D1133, D2233, D3333, D1212, D1313, D2323; the compliance of the first six is
+    1/E_i on its diagonal and -nu_ij/E_i beside it.
+    """
+    values = numbers([field for _, fields in card.tokens() for field in fields])
+    if values is None or len(card.rows) != 2 or len(values) not in (9, 10):
+        deck.refuse(card, "nine constants at one temperature alone are translated", f"{len(card.rows)} lines")
+        return None
+    values = values[:9]
+    if kind == "ENGINEERING CONSTANTS":
+        return {"young_moduli": values[:3], "poisson_ratios": values[3:6], "shear_moduli": values[6:]}
+    a, b, c, d, e, f = values[:6]
+    stiffness = np.array([[a, b, d], [b, c, e], [d, e, f]])
+    if not np.linalg.eigvalsh(stiffness).min() > 0.0:
+        deck.refuse(card, "stiffnesses with which a strain has no energy", ", ".join(f"{x:g}" for x in values[:6]))
+        return None
+    compliance = np.linalg.inv(stiffness)
+    moduli = 1.0 / np.diag(compliance)
+    ratios = [-compliance[i, j] * moduli[i] for i, j in ((0, 1), (0, 2), (1, 2))]
+    return {
+        "young_moduli": [tidy(x) for x in moduli],
+        "poisson_ratios": [tidy(x) for x in ratios],
+        "shear_moduli": values[6:],
+    }
+
+
+def orientation(deck: Translation, card: Card) -> None:
+    """*ORIENTATION, rectangular: axes of orthotropic materials by the sections that name it."""
+    values = numbers(next((fields for _, fields in card.tokens()), [])[:6])
+    system = card.name("SYSTEM").upper()[:1]
+    if not any(one.keyword == "ELASTIC" and one.name("TYPE").upper() in _ORTHOTROPIC for one in deck.model.cards):
+        deck.left_out(card, "materials are isotropic, stresses along the global axes")
+    elif system not in ("", "R") or len(card.rows) != 1 or values is None or len(values) != 6:
+        what = "rectangular axes by two points, without a further rotation, alone are translated"
+        deck.refuse(card, what, f"SYSTEM={card.name('SYSTEM')}, {len(card.rows)} lines")
+    else:
+        deck.orientations[card.name("NAME").upper()] = {"x": values[:3], "y": values[3:]}
+        deck.used(card, "axes of the orthotropic materials of its sections; stresses along the global axes")
 
 
 def density(deck: Translation, card: Card) -> None:
@@ -43,11 +96,15 @@ def density(deck: Translation, card: Card) -> None:
 
 def expansion(deck: Translation, card: Card) -> None:
     """*EXPANSION, isotropic and at one temperature: its reference temperature does not count then."""
-    values = numbers(next((fields for _, fields in card.tokens()), [])[:1])
-    if card.name("TYPE").upper() not in ("", "ISO") or len(card.rows) != 1 or not values:
-        deck.refuse(card, "one coefficient at one temperature alone is translated")
+    count = {"": 1, "ISO": 1, "ORTHO": 3}.get(card.name("TYPE").upper(), 0)
+    values = numbers(next((fields for _, fields in card.tokens()), [])[:count])
+    if len(card.rows) != 1 or not values or len(values) != count:
+        deck.refuse(card, "one coefficient, or three of an orthotropic material, at one temperature are translated")
         return
-    deck.material_keys.setdefault(deck.material, {})["thermal_expansion"] = values[0]
+    keys = deck.material_keys.setdefault(deck.material, {})
+    keys["thermal_expansion"] = values[0]
+    if count == 3:
+        keys["thermal_expansions"] = values
     deck.used(card, "thermal_expansion")
 
 
@@ -75,7 +132,8 @@ def solid_section(deck: Translation, card: Card) -> None:
     if card.name("MATERIAL").upper() not in names:
         deck.refuse(card, "no *MATERIAL of this name", card.name("MATERIAL"))
     elif card.name("ORIENTATION"):
-        deck.left_out(card, f"its material is taken, ORIENTATION={card.name('ORIENTATION')} not: it is isotropic")
+        deck.section_axes.setdefault(card.name("MATERIAL").upper(), set()).add(card.name("ORIENTATION").upper())
+        deck.used(card, "part and its material, orthotropic ones along the axes of the ORIENTATION")
     else:
         deck.used(card, "part and its material")
 
@@ -267,9 +325,18 @@ def pretension(deck: Translation, card: Card) -> None:
         sign = -1.0
     point = [float(f"{x:.9g}") for x in facets.mean(axis=0)]
     table = {"substructure": owners[0], "axis": axis, "point": point}
-    name = deck.add("bolt", owners[0], table)
+    name = deck.add("bolt", _name_of_node(deck, card.name("NODE")) or owners[0], table)
     deck.bolts[card.name("NODE")] = SectionBolt(name, card.name("NODE"), card, sign)
     deck.used(card, f"[bolt.{name}]: cut at the place of the section, tightened before t = 0")
+
+
+def _name_of_node(deck: Translation, number: str) -> str:
+    """The node set that holds this node alone; empty where there is none."""
+    labels = deck.content.labels
+    for name, rows in deck.content.node_sets.items():
+        if len(rows) == 1 and rows[0] < len(labels) and str(labels[rows[0]]) == number and name != f"NODE_{number}":
+            return name
+    return ""
 
 
 def _outward(deck: Translation, surface: str) -> list[float]:

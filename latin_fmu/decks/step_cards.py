@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -138,7 +138,8 @@ def amplitude(deck: Translation, card: Card) -> None:
 
 
 # -- loads ------------------------------------------------------------------------------------------------------------
-_LOAD: Final = ("OP", "AMPLITUDE", "INPUT", "FIXED", "TYPE")
+_ACTING: Final = ("OP", "AMPLITUDE", "TIME DELAY")
+_LOAD: Final = (*_ACTING, "INPUT", "FIXED", "TYPE")
 
 
 def _in_step(deck: Translation, card: Card, kinds: Sequence[str], allowed: Sequence[str] = _LOAD) -> bool:
@@ -147,6 +148,9 @@ def _in_step(deck: Translation, card: Card, kinds: Sequence[str], allowed: Seque
         return False
     if card.name("AMPLITUDE") and card.name("AMPLITUDE").upper() not in deck.amplitudes:
         deck.refuse(card, "no *AMPLITUDE of this name before it", card.name("AMPLITUDE"))
+        return False
+    if numbers([card.name("TIME DELAY") or "0"]) is None:
+        deck.refuse(card, "TIME DELAY is a number", card.name("TIME DELAY"))
         return False
     deck.renew(card, kinds)
     return True
@@ -163,11 +167,11 @@ def _left_with_its_step(deck: Translation, card: Card) -> bool:
 
 def cload(deck: Translation, card: Card) -> None:
     """*CLOAD: forces on nodes; on the node of a pre-tension section, the force of its bolt."""
-    if _left_with_its_step(deck, card) or not _in_step(deck, card, ("nodal_force", "bolt_force"), ("OP", "AMPLITUDE")):
+    if _left_with_its_step(deck, card) or not _in_step(deck, card, ("nodal_force", "bolt_force"), _ACTING):
         return
     _check_rows(deck, card, 3)
     of_bolts: list[list[str]] = []
-    for group in loaded_groups(card):
+    for group in _groups(deck, card):
         bolt = deck.bolts.get(_number(group))
         of_bolts.append([bolt.name] if bolt else [])
         if bolt:
@@ -199,7 +203,7 @@ def boundary(deck: Translation, card: Card) -> None:
     if not _in_step(deck, card, (*dict.fromkeys(kinds.values()), "bolt_shift")):
         return
     _check_rows(deck, card, 2)
-    for group in loaded_groups(card):
+    for group in _groups(deck, card):
         if bolt := deck.bolts.get(_number(group)):
             _shift_bolt(deck, card, bolt.name, group)
             continue
@@ -225,6 +229,18 @@ def _shift_bolt(deck: Translation, card: Card, name: str, group: LoadedSet) -> N
     for degree, value in group.values:
         if degree == "1":
             deck.set(DeckQuantity("bolt_shift", name), value, card)
+
+
+def _groups(deck: Translation, card: Card) -> Iterator[LoadedSet]:
+    """What the lines of a card act on; nodes of pre-tension sections one by one, several loaded alike as well."""
+    for group in loaded_groups(card):
+        sections = [member for member in group.members if member[0] in deck.bolts]
+        yield from (
+            LoadedSet(f"NODE_{number}", group.kind, ((number, part),), group.values) for number, part in sections
+        )
+        others = tuple(member for member in group.members if member not in sections)
+        if others or not sections:
+            yield LoadedSet(group.name, group.kind, others, group.values)
 
 
 def _number(group: LoadedSet) -> str:
@@ -267,7 +283,7 @@ def _check_rows(deck: Translation, card: Card, least: int) -> None:
 def dload(deck: Translation, card: Card) -> None:
     """*DLOAD: pressures on faces of elements, gravity."""
     kinds = ("pressure", "gravity")
-    if _left_with_its_step(deck, card) or not _in_step(deck, card, kinds, ("OP", "AMPLITUDE")):
+    if _left_with_its_step(deck, card) or not _in_step(deck, card, kinds, _ACTING):
         return
     for group in loaded_groups(card):
         if not deck.faces(group.name):
@@ -307,7 +323,7 @@ def _gravity(deck: Translation, card: Card, i: int, fields: list[str]) -> None:
 def dsload(deck: Translation, card: Card) -> None:
     """*DSLOAD: pressures and tractions on surfaces."""
     kinds = ("pressure", "traction")
-    if _left_with_its_step(deck, card) or not _in_step(deck, card, kinds, ("OP", "AMPLITUDE", "FOLLOWER")):
+    if _left_with_its_step(deck, card) or not _in_step(deck, card, kinds, (*_ACTING, "FOLLOWER")):
         return
     if card.name("FOLLOWER").upper() not in ("", "NO", "YES"):
         deck.refuse(card, "FOLLOWER is YES or NO", card.name("FOLLOWER"))
@@ -329,7 +345,7 @@ def dsload(deck: Translation, card: Card) -> None:
 
 def temperature(deck: Translation, card: Card) -> None:
     """*TEMPERATURE of whole parts, as a change from the initial one."""
-    if _left_with_its_step(deck, card) or not _in_step(deck, card, ("temperature",), ("OP", "AMPLITUDE", "INPUT")):
+    if _left_with_its_step(deck, card) or not _in_step(deck, card, ("temperature",), (*_ACTING, "INPUT")):
         return
     for i, fields in card.tokens():
         values = numbers(fields[1:2])

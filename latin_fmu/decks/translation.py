@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import Problem
 from ..mesh_files.content import Array, Index, MeshContent
-from ..mesh_files.deck_card import Card, FileLine
+from ..mesh_files.deck_card import Card, FileLine, real
 from ..mesh_files.deck_model import DeckModel
 from ..mesh_files.deck_scene import faces_of, parts_with, rows_of_set
 from ..scene.substructures import part_name
@@ -77,7 +77,8 @@ class Translation:
     material_keys : constants of materials, in capitals, that the mesh reader does not take. histories : of loads and
     motions. amplitudes, interactions : by name in capitals. bolts : by the number of their node. initial : temperature
     by node set. prints : requests by step that makes them. frequencies : of output by step. single : node sets that
-    are no faces. sensors : their names by rows of nodes. pairs : surfaces ``SLAVE/MASTER`` by interface. material,
+    are no faces. sensors : their names by rows of nodes. pairs : surfaces ``SLAVE/MASTER`` by interface. orientations :
+    axes by name in capitals. section_axes : names of orientations of the sections of each material. material,
     interaction : that the cards are of. number : of the present step, 0 before the first.
     """
 
@@ -98,6 +99,8 @@ class Translation:
     single: set[str] = field(default_factory=set)
     sensors: dict[int, str] = field(default_factory=dict)
     pairs: dict[str, str] = field(default_factory=dict)
+    orientations: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    section_axes: dict[str, set[str]] = field(default_factory=dict)
     material: str = ""
     interaction: str = ""
     number: int = 0
@@ -113,6 +116,11 @@ class Translation:
     def inertia(self) -> bool:
         """Whether a step of the deck is dynamic."""
         return any(step.dynamic for step in self.steps)
+
+    def sections_turned(self, material: str) -> int:
+        """Number of the sections of a material, in capitals, that name an ORIENTATION."""
+        sections = [card for card in self.model.cards if card.keyword == "SOLID SECTION"]
+        return sum(bool(card.name("ORIENTATION")) for card in sections if card.name("MATERIAL").upper() == material)
 
     @property
     def step(self) -> DeckStep | None:
@@ -220,7 +228,7 @@ class Translation:
     def set(self, quantity: DeckQuantity, value: float, card: Card) -> None:
         """Set a quantity from the present step on; forces that one step sets several times add up."""
         history = self.histories.setdefault(quantity, DeckHistory())
-        amplitude = self.amplitudes.get(card.name("AMPLITUDE").upper())
+        amplitude = self._amplitude(card)
         last = history.settings[-1] if history.settings else None
         if last is not None and last.step == self.number:
             if quantity.kind in ADDING:
@@ -229,6 +237,14 @@ class Translation:
                 value += last.value
             history.settings.pop()
         history.settings.append(Setting(self.number, value, amplitude, card))
+
+    def _amplitude(self, card: Card) -> Amplitude | None:
+        """The amplitude that a card names, later by its TIME DELAY."""
+        found = self.amplitudes.get(card.name("AMPLITUDE").upper())
+        if found is None or not card.name("TIME DELAY"):
+            return found
+        delay = real(card.name("TIME DELAY"))
+        return Amplitude(tuple(time + delay for time in found.times), found.values, found.total)
 
     def renew(self, card: Card, kinds: Iterable[str]) -> None:
         """Take away what the steps before set, where a card says OP=NEW."""

@@ -130,7 +130,8 @@ BAD = {
     + HELD
     + f"*STEP\n*DYNAMIC, EXPLICIT\n, 1e-5\n{LOAD}*END STEP\n",
     "beams, springs": plain("*ELEMENT, TYPE=B31, ELSET=BEAM\n99, 1, 2\n"),
-    "isotropic constants": plain().replace("*ELASTIC", "*ELASTIC, TYPE=ORTHO"),
+    "nine constants": plain().replace("*ELASTIC", "*ELASTIC, TYPE=ORTHO"),
+    "isotropic and orthotropic": plain().replace("*ELASTIC", "*ELASTIC, TYPE=ANISO"),
     "no *MATERIAL": plain().replace("MATERIAL=STEEL", "MATERIAL=BRASS", 1),
     "lacks density": (one_block(BAR) + STEEL + HELD + static("*DLOAD\nBLOCK, GRAV, 1., 0., 0., 1.\n")).replace(
         "*DENSITY\n7.8e-9\n", ""

@@ -65,6 +65,11 @@ STATIC = {
     + HELD
     + static("*BOUNDARY\nTOP, 1, 1\n*CLOAD\nTOP, 2, 50.\n" + OUTPUT),
     "incompatible modes": one_block(BAR, "C3D8I") + STEEL + HELD + static("*CLOAD\nTOP, 1, 30.\n" + OUTPUT),
+    "stiffnesses of three axes": one_block(BAR).replace("MATERIAL=STEEL", "MATERIAL=STEEL, ORIENTATION=AX")
+    + "*ORIENTATION, NAME=AX, SYSTEM=RECTANGULAR\n1., 1., 0., -1., 1., 0.\n*MATERIAL, NAME=STEEL\n"
+    + "*ELASTIC, TYPE=ORTHO\n70000., 9000., 30000., 8000., 6000., 20000., 8000., 6000.,\n4000., 294.\n"
+    + "*DENSITY\n7.8e-9\n"
+    + HELD + static("*CLOAD\nTOP, 1, 3.\nTIP, 3, 5.\n" + OUTPUT),
     "tied blocks": two_blocks() + STEEL + "*TIE, NAME=GLUE\nHIGHDOWN, LOWUP\n" + HELD
     + static("*CLOAD\nTOP, 1, 30.\n" + OUTPUT),
 }  # fmt: skip
@@ -127,6 +132,12 @@ MOTIONS = {
     ),
     "an amplitude": (
         "*AMPLITUDE, NAME=B\n0., 0., 2e-6, 1., 5e-6, 0.\n" + dynamic("*CLOAD, AMPLITUDE=B\nTOP, 3, 100.\n" + OUTPUT),
+        0.0,
+        2e-5,
+    ),
+    "an amplitude that comes late": (
+        "*AMPLITUDE, NAME=B\n0., 0., 2e-6, 1., 4e-6, 0.\n"
+        + dynamic("*CLOAD, AMPLITUDE=B, TIME DELAY=2e-6\nTOP, 3, 100.\n" + OUTPUT),
         0.0,
         2e-5,
     ),

@@ -103,7 +103,7 @@ def test_a_pretension_section_is_a_bolt(
     cards = {"force": f"*CLOAD\n9999, 1, {pull * 1000.0}\n", "shortening": f"*BOUNDARY\n9999, 1, 1, {pull * 0.01}\n"}
     deck += static(cards[kind] + "*NODE PRINT, NSET=BOTTOM, TOTALS=ONLY\nRF\n")
     solution = solved(deck, tmp_path)
-    tension = solution.bolts["BLOCK"].force[-1]
+    tension = solution.bolts["PRE"].force[-1]
     if kind == "force":
         assert tension == pytest.approx(1000.0, rel=1e-6)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +15,9 @@ import pytest
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.building import discretise
+from latin_fmu.decks.card_text import card, element_card, node_card, node_set_card
+from latin_fmu.decks.export_draft import DeckChoices
+from latin_fmu.decks.exporting import export_deck
 from latin_fmu.scene.fields import split_face
 from tests.verification.bolted_meshes import write_joint
 from tests.verification.test_bolts import joint
@@ -64,16 +68,17 @@ def held_part(ready: DiscretisedProblem, moved: Array, chosen: Array, section: A
         mesh = ready.bodies["bolt"].mesh
         cells = mesh.blocks[0].cells[chosen]
         used = np.unique(cells)
-        yield "*NODE, NSET=NALL"
-        yield from (f"{n + 1}, " + ", ".join(f"{x:.12e}" for x in mesh.nodes[n]) for n in used)
-        yield "*ELEMENT, TYPE=C3D8, ELSET=PART"
-        yield from (", ".join(map(str, (i, *(cell + 1)))) for i, cell in enumerate(cells, 1))
-        yield from ("*MATERIAL, NAME=STEEL", "*ELASTIC", "2.1e11, 0.3", "*SOLID SECTION, ELSET=PART, MATERIAL=STEEL")
-        yield "*NSET, NSET=CUT"
-        yield from (f"{n + 1}," for n in section)
-        yield from ("*STEP", "*STATIC", "1., 1.", "*BOUNDARY")
-        yield from (f"{n + 1}, {k + 1}, {k + 1}, {moved[n, k]:.12e}" for n in used for k in range(3))
-        yield from ("*NODE PRINT, NSET=CUT", "RF", "*END STEP")
+        yield from node_card(mesh.nodes[used], used + 1, "NALL")
+        yield from element_card("C3D8", cells + 1, np.arange(1, len(cells) + 1), "PART")
+        yield from card("MATERIAL", {"NAME": "STEEL"})
+        yield from card("ELASTIC", rows=[(2.1e11, 0.3)])
+        yield from card("SOLID SECTION", {"ELSET": "PART", "MATERIAL": "STEEL"})
+        yield from node_set_card("CUT", section + 1)
+        yield from (*card("STEP"), *card("STATIC", rows=[(1.0, 1.0)]))
+        yield from card(
+            "BOUNDARY", rows=[(int(n) + 1, k + 1, k + 1, float(moved[n, k])) for n in used for k in range(3)]
+        )
+        yield from (*card("NODE PRINT", {"NSET": "CUT"}, [("RF",)]), *card("END STEP"))
 
     return "\n".join(lines()) + "\n"
 
@@ -107,14 +112,15 @@ def test_section_forces_are_those_of_calculix(tmp_path: Path) -> None:
         pytest.skip(deck.MISSING)
     scene = scene_from_dict(bonded_joint(tmp_path))
     bolt, ready = solve(scene).bolts["b"], discretise(scene)
-    whole = deck.Deck(ready, deck.Choices(bonded=True, fixed=True, displacements=True))
-    whole.node = shared_nodes(ready)
-    there = deck.run(whole.text(), 1.0).printed.displacement
+    numbers = shared_nodes(ready)
+    free = replace(ready, cuts={}, scene=ready.scene.model_copy(update={"bolt": {}}))
+    whole = export_deck(free, DeckChoices(direct=True, every=True), numbers)
+    there = deck.run(whole.text, 1.0).printed.displacement
     assert there is not None
     assert bolt.sections is not None
     assert bolt.section_force is not None
     assert bolt.section_moment is not None
-    moved = there[-1][whole.node["bolt"] - 1]
+    moved = there[-1][numbers["bolt"] - 1]
     for name, height in HEIGHTS.items():
         i = bolt.sections.names.index(name)
         here = np.concatenate([bolt.section_force[-1, i], bolt.section_moment[-1, i]])

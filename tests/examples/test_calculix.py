@@ -6,6 +6,7 @@ import copy
 import importlib
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,7 +18,12 @@ import latin_fmu
 from latin_fmu.assembly.merged_assembly import is_selection
 from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.building import build, discretise, start_state, without_scheme
+from latin_fmu.decks.deck_mesh import NumberedMesh
+from latin_fmu.decks.export_draft import DeckChoices
+from latin_fmu.decks.exporting import export_deck
+from latin_fmu.errors import InputError
 from latin_fmu.joined.joined_assembly import JoinedAssembly, pressed_of
+from latin_fmu.mesh_files.abaqus import SOLID_FACES
 from latin_fmu.propagator.base import full_displacement
 from tests.alone import alone_of, started_alone
 from tests.scenes import clamp
@@ -36,9 +42,8 @@ def _crushing(modules: dict[str, ModuleType], n: int, mu: float = 0.3, **time: A
     return discretise(latin_fmu.scene_from_dict(scene))
 
 
-def _deck(modules: dict[str, ModuleType], ready: DiscretisedProblem, **choices: Any) -> str:
-    deck = modules["calculix"]
-    return deck.Deck(ready, deck.Choices(**choices)).text()
+def _deck(ready: DiscretisedProblem, **choices: Any) -> str:
+    return export_deck(ready, DeckChoices(**choices)).text
 
 
 def _cards(text: str) -> dict[str, list[str]]:
@@ -53,48 +58,50 @@ def _cards(text: str) -> dict[str, list[str]]:
 
 
 def test_deck_holds_the_scene(modules: dict[str, ModuleType]) -> None:
-    cards = _cards(_deck(modules, _crushing(modules, 2)))
+    cards = _cards(_deck(_crushing(modules, 2), penalty=10.0))
     assert len(cards["*NODE, NSET=NALL"]) == 2 * 27
-    assert len(cards["*ELEMENT, TYPE=C3D8, ELSET=B1"]) == len(cards["*ELEMENT, TYPE=C3D8, ELSET=B2"]) == 8
+    assert len(cards["*ELEMENT, TYPE=C3D8, ELSET=b1"]) == len(cards["*ELEMENT, TYPE=C3D8, ELSET=b2"]) == 8
     # a block is made of elements 1 to 8, then 9 to 16; the upper four of each touch its upper face, number 2
-    assert cards["*SURFACE, NAME=B1_ZMAX, TYPE=ELEMENT"] == [f"{e}, S2" for e in (5, 6, 7, 8)]
-    assert cards["*SURFACE, NAME=B2_ZMIN, TYPE=ELEMENT"] == [f"{e}, S1" for e in (9, 10, 11, 12)]
-    assert cards["*DLOAD, AMPLITUDE=A_PRESS"] == [f"{e}, P2, 2.000000000e+08" for e in (13, 14, 15, 16)]
-    assert cards["*CONTACT PAIR, INTERACTION=I1, TYPE=SURFACE TO SURFACE"] == ["B2_ZMIN, B1_ZMAX"]
+    assert cards["*SURFACE, NAME=b1_zmax, TYPE=ELEMENT"] == [f"{e}, S2" for e in (5, 6, 7, 8)]
+    assert cards["*SURFACE, NAME=b2_zmin, TYPE=ELEMENT"] == [f"{e}, S1" for e in (9, 10, 11, 12)]
+    assert cards["*SURFACE, NAME=press, TYPE=ELEMENT"] == [f"{e}, S2" for e in (13, 14, 15, 16)]
+    assert cards["*DSLOAD, AMPLITUDE=press"] == ["press, P, 200000000"]
+    assert cards["*CONTACT PAIR, INTERACTION=i1, TYPE=SURFACE TO SURFACE"] == ["b1_zmax, b2_zmin"]
     # penalty 10 E/h of the softer side, h = 5 mm; a tenth of it before slip
     assert [float(x) for x in cards["*FRICTION"][0].split(",")] == pytest.approx([0.3, 70e9 / 0.005])
-    assert cards["*BOUNDARY"] == ["N_B1_ZMIN, 3, 3"] + [
-        f"N_B{b}_{a}MIN, {k}, {k}" for b in (1, 2) for k, a in ((1, "X"), (2, "Y"))
-    ]
-    assert cards["*DYNAMIC, ALPHA=-0.1"][0].split(", ")[:2] == ["1.500000000e-07", "3.000000000e-05"]
-    law = np.array([float(x) for line in cards["*AMPLITUDE, NAME=A_PRESS"] for x in line.split(",")]).reshape(-1, 2)
-    assert len(law) == 201
-    assert law[:67, 1] == pytest.approx(np.sin(np.pi * law[:67, 0] / 10e-6), abs=1e-8)
-    assert (law[67:, 1] == 0.0).all()
+    scene = _crushing(modules, 2).scene
+    held = {name: 1 + "xyz".index(table.face.split(".")[1][0]) for name, table in scene.boundary.items()}
+    assert cards["*BOUNDARY"] == [f"{name}, {axis}, {axis}" for name, axis in held.items()]
+    assert cards["*DYNAMIC, ALPHA=-0.1"][0].split(", ")[:2] == ["1.5e-07", "3e-05"]
+    law = np.array([float(x) for line in cards["*AMPLITUDE, NAME=press"] for x in line.split(",")]).reshape(-1, 2)
+    assert len(law) > 60
+    times = np.linspace(0.0, 30e-6, 201)
+    pulse = np.where(times < 10e-6, np.sin(np.pi * times / 10e-6), 0.0)
+    assert np.interp(times, *law.T) == pytest.approx(pulse, abs=1e-8)
 
 
 def test_no_friction_card_without_friction(modules: dict[str, ModuleType]) -> None:
-    assert "*FRICTION" not in _deck(modules, _crushing(modules, 1, 0.0))
+    assert "*FRICTION" not in _deck(_crushing(modules, 1, 0.0))
 
 
 def test_faces_have_the_area_of_the_block(modules: dict[str, ModuleType]) -> None:
-    cards, ready = modules["calculix"], _crushing(modules, 3)
-    mesh = ready.bodies["b2"].mesh
+    numbered = NumberedMesh.of(_crushing(modules, 3).bodies)
+    mesh, first = numbered.bodies["b2"].mesh, numbered.elements["b2"]
     for axis, pair in enumerate((("xmin", "xmax"), ("ymin", "ymax"), ("zmin", "zmax"))):
         for side in pair:
             corners = [
-                mesh.nodes[[mesh.blocks[0].cells[e][k] for k in cards.FACES["hexahedron"][n - 1]]]
-                for e, n in cards.facets(mesh, side)
+                mesh.nodes[[mesh.blocks[0].cells[e - first][k] for k in SOLID_FACES[8][n - 1]]]
+                for e, n in numbered.faces("b2", mesh.faces[side])
             ]
             area = sum(np.linalg.norm(np.cross(c[2] - c[0], c[3] - c[1])) / 2 for c in corners)
             assert area == pytest.approx(1e-4)
             assert np.ptp(np.concatenate(corners)[:, axis]) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(modules: dict[str, ModuleType], tmp_path: Path) -> None:
+def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(tmp_path: Path) -> None:
     """Every face, with the numbers that CalculiX gives them: outward normals, areas, and a joint whose nodes match."""
     pytest.importorskip("gmsh")
-    flange, cards = importlib.import_module("flange"), modules["calculix"]
+    flange = importlib.import_module("flange")
     case = flange.Mesh(12.0, 12.0, 3.0).made(tmp_path / "flange.msh")
     ready = discretise(latin_fmu.scene_from_dict(case.description))
     assert [u.geometry.matching for u in ready.units] == [True] * 9
@@ -102,8 +109,10 @@ def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(modules: dict[str
         mesh = ready.bodies[name].mesh
         nodes = mesh.nodes[mesh.blocks[0].cells]
         areas = np.zeros(3)
-        for element, number in cards.facets(mesh, side):
-            a, b, c = nodes[element][list(cards.FACES["tetra"][number - 1])]
+        numbered = NumberedMesh.of(ready.bodies)
+        for label, number in numbered.faces(name, mesh.faces[side]):
+            element = label - numbered.elements[name]
+            a, b, c = nodes[element][list(SOLID_FACES[4][number - 1])]
             inward = np.cross(b - a, c - a) / 2
             assert inward @ (nodes[element].mean(axis=0) - a) > 0
             areas -= inward
@@ -111,7 +120,7 @@ def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(modules: dict[str
         np.testing.assert_allclose(areas, face.areas.sum() * np.asarray(normal), atol=1e-2 * face.areas.sum())
     pull = ready.scene.load["lower_bolt1"]
     assert np.linalg.norm(pull.traction) * ready.bodies["lower_bolt1"].face("cut").areas.sum() == pytest.approx(8e3)
-    assert "TYPE=C3D4" in _deck(modules, ready)
+    assert "TYPE=C3D4" in _deck(ready)
 
 
 @pytest.mark.slow
@@ -134,7 +143,8 @@ def test_flange_is_that_of_calculix(modules: dict[str, ModuleType], tmp_path: Pa
 
 
 def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, ModuleType]) -> None:
-    text = _deck(modules, _crushing(modules, 2), bonded=True, fixed=True)
+    ready = _crushing(modules, 2)
+    text = export_deck(ready, DeckChoices(direct=True), modules["calculix"].shared_nodes(ready)).text
     assert len(_cards(text)["*NODE, NSET=NALL"]) == 27 + 18
     assert "CONTACT" not in text
     assert "*DYNAMIC, ALPHA=-0.1, DIRECT" in text
@@ -142,19 +152,21 @@ def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, Module
 
 def test_static_deck(modules: dict[str, ModuleType]) -> None:
     case = modules["harness"].plates(3, (2, 2, 1))
-    cards = _cards(_deck(modules, discretise(latin_fmu.scene_from_dict(case.description))))
-    assert cards["*STATIC"][0].split(", ")[:2] == ["5.000000000e-02", "1.000000000e+00"]
-    assert cards["*BOUNDARY"] == [f"N_B1_ZMIN, {k}, {k}" for k in (1, 2, 3)]
-    shear = [line.split(", ") for line in cards["*CLOAD, AMPLITUDE=A_SHEAR"]]
+    cards = _cards(_deck(discretise(latin_fmu.scene_from_dict(case.description))))
+    assert cards["*STATIC"][0].split(", ")[:2] == ["0.05", "1"]
+    [held] = case.description["boundary"]
+    assert cards["*BOUNDARY"] == [f"{held}, {k}, {k}" for k in (1, 2, 3)]
+    shear = [line.split(", ") for line in cards["*CLOAD, AMPLITUDE=shear"]]
     assert {row[1] for row in shear} == {"1"}
-    assert sum(float(row[2]) for row in shear) == pytest.approx(5e6 * 0.04**2)
+    sizes = {name: sum(len(line.split(", ")) for line in cards[f"*NSET, NSET={name}"]) for name, _, _ in shear}
+    assert sum(sizes[name] * float(force) for name, _, force in shear) == pytest.approx(5e6 * 0.04**2)
 
 
 def test_unknown_condition_is_refused(modules: dict[str, ModuleType]) -> None:
     scene = copy.deepcopy(modules["harness"].crushing(1, 0.0).description)
     scene["boundary"]["base"] = {"type": "absorbing", "face": "b1.zmin"}
-    with pytest.raises(ValueError, match="absorbing"):
-        _deck(modules, discretise(latin_fmu.scene_from_dict(scene)))
+    with pytest.raises(InputError, match="absorbing"):
+        _deck(discretise(latin_fmu.scene_from_dict(scene)))
 
 
 def test_clamped_modes_are_those_of_calculix(modules: dict[str, ModuleType], tmp_path: Path) -> None:
@@ -167,20 +179,20 @@ def test_clamped_modes_are_those_of_calculix(modules: dict[str, ModuleType], tmp
     state = start_state(scene)
     assert state is not None
     closed = pressed_of(ready, state)
-    deck = modules["calculix"].Deck(ready, modules["calculix"].Choices())
+    numbers = {name: rows.copy() for name, rows in NumberedMesh.of(ready.bodies).nodes.items()}
     for unit in ready.units:
         shared = np.ones(unit.geometry.n_point, dtype=bool) if unit.name in ("top", "thread") else closed[unit.name]
         assert is_selection(unit)
         assert unit.name in ("top", "thread") or 0 < shared.sum() < len(shared)
         nodes = [trace.indices[::3] // 3 for trace in unit.geometry.traces if trace is not None]
         bodies = [side.split(".")[0] for side in unit.sides]
-        first, second = (deck.node[body][own[shared]] for body, own in zip(bodies, nodes, strict=True))
+        first, second = (numbers[body][own[shared]] for body, own in zip(bodies, nodes, strict=True))
         for a, b in zip(first, second, strict=True):  # one number for both, in all bodies
-            for numbers in deck.node.values():
-                numbers[numbers == b] = a
-    lines = [*deck._mesh(), *deck._materials(), *deck._surfaces(), *modules["calculix"].held(ready)]
-    lines += ["*STEP", "*FREQUENCY", str(count), "*END STEP"]
-    (tmp_path / "deck.inp").write_text("\n".join(lines) + "\n")
+            for rows in numbers.values():
+                rows[rows == b] = a
+    free = replace(ready, cuts={}, scene=ready.scene.model_copy(update={"bolt": {}}))
+    model = export_deck(free, nodes=numbers).model
+    (tmp_path / "deck.inp").write_text(f"{model}*STEP\n*FREQUENCY\n{count}\n*END STEP\n")
     subprocess.run(["ccx", "-i", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=120)
     text = (tmp_path / "deck.dat").read_text()
 
@@ -228,12 +240,12 @@ def test_printed_numbers_are_read(modules: dict[str, ModuleType]) -> None:
 
 def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
     """Mesh, matrices, loads, conditions and time scheme against another code, to the digits it prints."""
-    deck, run = modules["calculix"], modules["calculix"]
+    run = modules["calculix"]
     if not run.installed():
         pytest.skip(run.MISSING)
     ready = _crushing(modules, 2, end=40 * 0.15e-6, instants=40)
-    made = deck.Deck(ready, deck.Choices(bonded=True, fixed=True, displacements=True))
-    there = run.run(made.text(), float(ready.time[-1]), limit=60.0)
+    made = export_deck(ready, DeckChoices(direct=True, every=True), run.shared_nodes(ready))
+    there = run.run(made.text, float(ready.time[-1]), limit=60.0)
     assert there.complete
     built = build(ready.scene)
     body, where = bonded(built)
@@ -246,7 +258,7 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
         moved = full_displacement(body, 0)
         for name, dofs in where.items():
             here = moved[dofs.start // 3 : dofs.stop // 3]
-            assert np.abs(displacement[made.node[name] - 1] - here).max() < 1e-6 * scale
+            assert np.abs(displacement[made.nodes[name] - 1] - here).max() < 1e-6 * scale
 
 
 @pytest.mark.slow
@@ -263,7 +275,7 @@ def test_static_contact_with_friction_is_the_limit_of_penalties(modules: dict[st
     here = static.moved(case, static.TIGHT)
     errors = []
     for stiffness in (1e2, 1e3):
-        choices = modules["calculix"].Choices(stiffness=stiffness)
+        choices = DeckChoices(penalty=stiffness)
         there = static.plates_by_calculix(case, choices, 100.0)[1]
         assert there is not None
         errors.append(static.error(there, here))
@@ -279,7 +291,7 @@ def test_contact_force_is_that_of_calculix(modules: dict[str, ModuleType]) -> No
         pytest.skip(modules["calculix"].MISSING)
     case = modules["harness"].crushing(3, 0.3)
     case.description["time"] = {"end": 120 * 0.15e-6, "instants": 120}
-    choices = modules["calculix"].Choices(stiffness=50.0, alpha=-0.3)
+    choices = DeckChoices(penalty=50.0, alpha=-0.3)
     there = forces.of_calculix(case, "contact", choices, 200.0)
     here = forces.of_package(case, "here")
     assert there.complete
