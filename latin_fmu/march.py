@@ -199,14 +199,13 @@ def rewound(problem: SolverReadyProblem, scene: Scene) -> SolverReadyProblem:
     """
     if problem.grouped is not None:
         raise ValueError("bonded bodies that are marched as one begin with their assembly")
-    bodies, reduced, timeline = problem.assembly, cast(Any, problem.reduced), problem.timeline.of(scene)
+    bodies, reduced, timeline = problem.assembly, problem.reduced, problem.timeline.of(scene)
     for propagator in bodies.propagators:
         propagator.restart()
     timeline.begin(bodies, bodies.time, {}, dict(bodies.ground.start))
     if reduced is not None:
-        reduced.restart()
-        reduced.begin()
-    return replace(problem, timeline=timeline)
+        reduced = cast(Any, reduced).rewound()
+    return replace(problem, timeline=timeline, reduced=reduced)
 
 
 def march(

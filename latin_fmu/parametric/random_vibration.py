@@ -48,7 +48,7 @@ _SEGMENTS: Final = 8  # of a window, where no damping gives the resolution of it
 _LINES: Final = 4.0  # of a spectrum, in the narrowest resonance
 _KEPT: Final = 2.0  # highest frequency of the spectra over that of the specification
 _SQUARED: Final = {"m s-2": "m2 s-4 Hz-1", "m": "m2 Hz-1", "N": "N2 Hz-1"}
-_SMALL: Final = 1e-6  # of the largest rms of its unit: what is below is round-off of a symmetric assembly
+_SMALL: Final = 1e-4  # of the largest rms of its unit: smaller signals are in the file and in `--json` alone
 
 
 @dataclass(frozen=True)
