@@ -172,11 +172,13 @@ def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> Standi
 
 
 def standing_again(before: StandingRun, scene: Scene, options: RunOptions, started: RunClock) -> StandingRun:
-    """Run a scene that differs from one whose run stands in the laws of loads and driven faces alone: an assembly that
-    was marched by its modes is marched again, and nothing is made anew (``march.rewound``); others are run as by
-    ``standing_run``, as is one whose end speaks against the choices of the run before."""
+    """Run a scene that differs from one whose run stands in the laws of loads and driven faces alone: what was marched
+    is marched again, and nothing is made anew (``march.rewound``). Runs as by ``standing_run`` are those of bonded
+    bodies that are one substructure, with bodies left out or bolts that yield, and one whose end speaks against the
+    choices of the run before."""
     problem = before.ready.problem
-    if problem.reduced is None or problem.untouched is not None or before.ready.tangent is not None:
+    whole = problem.grouped is None and problem.untouched is None and before.ready.tangent is None
+    if not whole or before.attempt.yielding.tables:
         return standing_run(scene, options, started)
     ready = before.ready._replace(problem=rewound(problem, scene))
     run = _marched(scene, options, ready, started, before.attempt.stress)
