@@ -488,11 +488,14 @@ class PointSolver:
         assert self.plan.evaluation is not None
         started = RunClock(self.plan.max_cpu)
         options = RunOptions(kept=self.kept, max_cpu=self.plan.max_cpu)
+        grid = self.plan.grid
+        # one parameter stands for the windows of all bases
+        number = int(grid.parameters[0].values[point[0]])
         if self._window is None:
-            scene = self.plan.grid.scene(point)
+            scene = at_window(grid.scene(point), number)
             standing = standing_run(scene, options, started)
         else:
-            scene = at_window(self._window[0], int(self.plan.grid.parameters[0].values[point[0]]))
+            scene = at_window(self._window[0], number)
             standing = standing_again(self._window[1], scene, options, started)
         self._window = scene, standing
         outcome = standing.run.outcome
