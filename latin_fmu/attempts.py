@@ -171,11 +171,16 @@ def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> Standi
             run.outcome.stream.close()
 
 
-def standing_again(before: StandingRun, scene: Scene, options: RunOptions, started: RunClock) -> StandingRun:
+def standing_again(
+    before: StandingRun | None, scene: Scene, kept: KeptOperators | None = None, max_cpu: float | None = None
+) -> StandingRun:
     """Run a scene that differs from one whose run stands in the laws of loads and driven faces alone: what was marched
-    is marched again, and nothing is made anew (``march.rewound``). Runs as by ``standing_run`` are those of bonded
-    bodies that are one substructure, with bodies left out or bolts that yield, and one whose end speaks against the
-    choices of the run before."""
+    is marched again, and nothing is made anew (``march.rewound``). Runs as by ``standing_run`` are the first one, with
+    None ``before``, those of bonded bodies that are one substructure, with bodies left out or bolts that yield, and one
+    whose end speaks against the choices of the run before; ``kept``, ``max_cpu`` : as for ``api.solve``."""
+    options, started = RunOptions(kept=kept, max_cpu=max_cpu), RunClock(max_cpu)
+    if before is None:
+        return standing_run(scene, options, started)
     problem = before.ready.problem
     whole = problem.grouped is None and problem.untouched is None and before.ready.tangent is None
     if not whole or before.attempt.yielding.tables:

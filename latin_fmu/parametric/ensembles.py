@@ -23,20 +23,20 @@ FEWEST: Final = 6
 
 
 @dataclass(frozen=True)
-class Band:
+class EnsembleBand:
     """A number, or an array of them, and the ends of its band at 95 %."""
 
     value: Any
     low: Any
     high: Any
 
-    def root(self) -> Band:
+    def root(self) -> EnsembleBand:
         """Of the square root."""
-        return Band(np.sqrt(self.value), np.sqrt(self.low), np.sqrt(self.high))
+        return EnsembleBand(np.sqrt(self.value), np.sqrt(self.low), np.sqrt(self.high))
 
-    def times(self, factor: float) -> Band:
+    def times(self, factor: float) -> EnsembleBand:
         """Of a positive multiple."""
-        return Band(factor * self.value, factor * self.low, factor * self.high)
+        return EnsembleBand(factor * self.value, factor * self.low, factor * self.high)
 
 
 def _t(n: int) -> float:
@@ -45,24 +45,24 @@ def _t(n: int) -> float:
     return float(stdtrit(n - 1, 0.5 * (1.0 + CONFIDENCE)))
 
 
-def mean_band(values: ArrayLike) -> Band:
+def mean_band(values: ArrayLike) -> EnsembleBand:
     """Of the mean over the first axis."""
     every = np.asarray(values, dtype=float)
     n, mean = len(every), every.mean(axis=0)
     half = _t(n) * every.std(axis=0, ddof=1) / np.sqrt(n)
-    return Band(mean, mean - half, mean + half)
+    return EnsembleBand(mean, mean - half, mean + half)
 
 
-def positive_band(values: ArrayLike) -> Band:
+def positive_band(values: ArrayLike) -> EnsembleBand:
     """Of the mean over the first axis of numbers >= 0; zero without band where all of them are."""
     every = np.asarray(values, dtype=float)
     n, mean = len(every), every.mean(axis=0)
     spread = every.std(axis=0, ddof=1) / np.sqrt(n)
     factor = np.exp(_t(n) * np.divide(spread, mean, out=np.zeros_like(np.asarray(mean)), where=mean > 0.0))
-    return Band(mean, mean / factor, mean * factor)
+    return EnsembleBand(mean, mean / factor, mean * factor)
 
 
-def median_band(values: ArrayLike) -> Band:
+def median_band(values: ArrayLike) -> EnsembleBand:
     """Of the median of the population that values (n,) come from; NaN at its ends for fewer than ``FEWEST``."""
     from scipy.special import bdtr
 
@@ -70,13 +70,13 @@ def median_band(values: ArrayLike) -> Band:
     n = len(ordered)
     middle = float(np.median(ordered))
     if n < FEWEST:
-        return Band(middle, np.nan, np.nan)
+        return EnsembleBand(middle, np.nan, np.nan)
     # the narrowest that is wide enough: P(B <= r - 1) on either side
     ranks = [r for r in range(1, n // 2 + 1) if 1.0 - 2.0 * float(bdtr(r - 1, n, 0.5)) >= CONFIDENCE]
-    return Band(middle, float(ordered[ranks[-1] - 1]), float(ordered[-ranks[-1]]))
+    return EnsembleBand(middle, float(ordered[ranks[-1] - 1]), float(ordered[-ranks[-1]]))
 
 
-def rate_band(counts: ArrayLike, duration: float) -> Band:
+def rate_band(counts: ArrayLike, duration: float) -> EnsembleBand:
     """Of the rate, s-1, of events counted over the first axis in windows of a ``duration``, s."""
     from scipy.special import gammaincinv
 
@@ -87,7 +87,7 @@ def rate_band(counts: ArrayLike, duration: float) -> Band:
     high = gammaincinv(total + 1.0, 1.0 - tail)
     between = mean_band(every)
     exposure = n * duration
-    return Band(
+    return EnsembleBand(
         total / exposure,
         np.minimum(low / exposure, np.maximum(between.low, 0.0) / duration),
         np.maximum(high / exposure, between.high / duration),

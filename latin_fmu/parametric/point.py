@@ -33,10 +33,9 @@ import numpy as np
 from .. import api
 from ..accuracy.runs import message_of
 from ..assembly.models import KeptOperators
-from ..attempts import StandingRun, standing_again, standing_run
+from ..attempts import StandingRun, standing_again
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array
-from ..march import RunClock, RunOptions
 from ..reader import scene_from_dict
 from ..results.groups import plain_name
 from ..results.interface_fields import Force
@@ -54,7 +53,7 @@ from ..scene.schema import Scene, toml_value, with_settings
 from ..scene.unit_texts import si_unit, unit_size, value_and_unit
 from ..scene.unit_values import value_in_scene_units
 from ..scene.units import system_named
-from .window_statistics import Evaluation, window_of
+from .window_statistics import WindowEvaluation, window_of
 
 MOST_POINTS: Final = 20_000
 """Largest number of points of a study."""
@@ -428,7 +427,7 @@ class Plan:
     histories: bool = False
     guesses: bool = True
     max_cpu: float | None = None
-    evaluation: Evaluation | None = None
+    evaluation: WindowEvaluation | None = None
 
     def text(self) -> str:
         """The plan as text, for other processes."""
@@ -442,7 +441,7 @@ class Plan:
         """The plan from its text."""
         tables, base_dir, vary, samples, histories, guesses, max_cpu, evaluation = json.loads(text)
         parameters = tuple(Parameter(key, tuple(values)) for key, values in vary)
-        how = None if evaluation is None else Evaluation(**evaluation)
+        how = None if evaluation is None else WindowEvaluation(**evaluation)
         return cls(Grid(tables, base_dir, parameters, samples), histories, guesses, max_cpu, how)
 
 
@@ -486,17 +485,12 @@ class PointSolver:
     def _of_window(self, point: Index) -> Record:
         """A window of a random vibration, which begins with the operators of the last one."""
         assert self.plan.evaluation is not None
-        started = RunClock(self.plan.max_cpu)
-        options = RunOptions(kept=self.kept, max_cpu=self.plan.max_cpu)
         grid = self.plan.grid
         # one parameter stands for the windows of all bases
         number = int(grid.parameters[0].values[point[0]])
-        if self._window is None:
-            scene = at_window(grid.scene(point), number)
-            standing = standing_run(scene, options, started)
-        else:
-            scene = at_window(self._window[0], number)
-            standing = standing_again(self._window[1], scene, options, started)
+        before, standing = self._window or (grid.scene(point), None)
+        scene = at_window(before, number)
+        standing = standing_again(standing, scene, self.kept, self.plan.max_cpu)
         self._window = scene, standing
         outcome = standing.run.outcome
         record: Record = {"state": NOT_CONVERGED, "message": outcome.status}

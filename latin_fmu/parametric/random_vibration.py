@@ -33,10 +33,10 @@ from ..scene.random_bases import random_bases
 from ..scene.readable_numbers import aligned, readable
 from ..scene.schema import Scene
 from ..scene.units import SI, UnitSystem
-from .ensembles import FEWEST, Band, mean_band, median_band, positive_band, rate_band
+from .ensembles import FEWEST, EnsembleBand, mean_band, median_band, positive_band, rate_band
 from .point import CONVERGED, MOST_POINTS, WINDOW, Grid, Parameter, Plan, Record
 from .study import solved_points, tables_of
-from .window_statistics import Evaluation, WindowSignal, frequencies
+from .window_statistics import WindowEvaluation, WindowSignal, frequencies
 
 KIND: Final = "random vibration"
 """Attribute ``kind`` of the file."""
@@ -68,14 +68,14 @@ class SignalStatistics:
     name: str
     unit: str
     what: str
-    mean: Band
-    rms: Band
-    peak: Band
+    mean: EnsembleBand
+    rms: EnsembleBand
+    peak: EnsembleBand
     largest: float
     kurtosis: float
     level: Array
-    crossing_rate: Band
-    spectrum: Band
+    crossing_rate: EnsembleBand
+    spectrum: EnsembleBand
     linear: LinearSignal | None = None
 
     @staticmethod
@@ -99,7 +99,7 @@ class SignalStatistics:
             one.name,
             one.unit,
             one.what,
-            Band(center, reference + mean.low, reference + mean.high),
+            EnsembleBand(center, reference + mean.low, reference + mean.high),
             square.root(),
             median_band(peaks),
             float(peaks.max()),
@@ -111,7 +111,7 @@ class SignalStatistics:
         )
 
     @property
-    def three_sigma(self) -> Band:
+    def three_sigma(self) -> EnsembleBand:
         """Three standard deviations."""
         return self.rms.times(3.0)
 
@@ -122,18 +122,19 @@ class SignalStatistics:
             return np.nan
         return float(self.rms.value / self.linear.rms)
 
-    def rate_at(self, sigmas: float) -> Band:
+    def rate_at(self, sigmas: float) -> EnsembleBand:
         """Rate of upward crossings, s-1, of the level so many standard deviations above the mean, between the levels
         that were counted."""
         level = self.mean.value + sigmas * self.rms.value
         rate = self.crossing_rate
         if not len(self.level):
-            return Band(0.0, 0.0, 0.0)
+            return EnsembleBand(0.0, 0.0, 0.0)
         ends = (np.interp(level, self.level, of, left=0.0, right=0.0) for of in (rate.value, rate.low, rate.high))
-        return Band(*(float(end) for end in ends))
+        return EnsembleBand(*(float(end) for end in ends))
 
     def report(self) -> dict[str, Any]:
-        """Plain data."""
+        """Plain data: ``unit``, ``what`` it is, ``mean``, ``rms``, ``three_sigma`` and ``peak`` with ``_low`` and
+        ``_high``, ``largest``, ``kurtosis``, rates of ``crossings`` at ``SIGMAS``, ``linear_rms`` and ``of_linear``."""
         made: dict[str, Any] = {"unit": self.unit, "what": self.what}
         for key in ("mean", "rms", "three_sigma", "peak"):
             band = getattr(self, key)
@@ -189,7 +190,7 @@ class RandomVibration(Stored):
     count: int
     left_out: int
     end: float
-    how: Evaluation
+    how: WindowEvaluation
     frequency: Array
     signals: Mapping[str, SignalStatistics]
     specified: Mapping[str, float]
@@ -314,7 +315,7 @@ class RandomVibration(Stored):
         return in_units(groups, self.units)
 
 
-def _ends(band: Band) -> str:
+def _ends(band: EnsembleBand) -> str:
     """Ends of a band over its value, in per cent."""
     if not np.isfinite(band.low) or not band.value > 0.0:
         return "-"
@@ -430,7 +431,7 @@ def _linear(scene: Scene) -> tuple[LinearResponse | None, str]:
 
 def _evaluation(
     scene: Scene, linear: LinearResponse | None, startup: float | None, resolution: float | None
-) -> Evaluation:
+) -> WindowEvaluation:
     """How windows are evaluated.
 
     Raises
@@ -459,11 +460,11 @@ def _evaluation(
             allowed = f"{1.0 / (samples * step):.4g} to {1.0 / (8 * step):.4g} Hz"
             raise InputError.of(_HEADING, "--resolution", "lines of the spectra", f"{resolution:g} Hz", allowed)
     # the first instant that counts is that of a sample
-    return Evaluation(end - samples * step * (1.0 + 1e-12), min(segment, samples), min(_KEPT * last, 0.5 / step))
+    return WindowEvaluation(end - samples * step * (1.0 + 1e-12), min(segment, samples), min(_KEPT * last, 0.5 / step))
 
 
 def _combined(
-    scene: Scene, records: Sequence[Record], how: Evaluation, linear: LinearResponse | None, without: str
+    scene: Scene, records: Sequence[Record], how: WindowEvaluation, linear: LinearResponse | None, without: str
 ) -> RandomVibration:
     """Statistics of the records of all windows.
 

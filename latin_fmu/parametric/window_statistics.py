@@ -28,7 +28,7 @@ _LEVELS: Final = 8.0  # to a standard deviation, about
 
 
 @dataclass(frozen=True)
-class Signal:
+class RunSignal:
     """A scalar over the instants of a run.
 
     Attributes
@@ -43,7 +43,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class WindowEvaluation:
     """How a window is evaluated.
 
     Attributes
@@ -85,7 +85,7 @@ class WindowSignal:
     spectrum: Array
 
     @staticmethod
-    def of(signal: Signal, time: Array, how: Evaluation) -> WindowSignal:
+    def of(signal: RunSignal, time: Array, how: WindowEvaluation) -> WindowSignal:
         """That of a signal at instants (n_time,), s."""
         from scipy.signal import welch
 
@@ -125,48 +125,48 @@ def _crossings(values: Array) -> tuple[int | None, int, NDArray[np.int64]]:
     return exponent, first, np.cumsum(change)[:-1]
 
 
-def frequencies(step: float, how: Evaluation) -> Array:
+def frequencies(step: float, how: WindowEvaluation) -> Array:
     """Those of the spectra, Hz."""
     every = np.fft.rfftfreq(how.segment, step)
     return np.asarray(every[every <= how.highest])
 
 
-def window_of(scene: Scene, outcome: Outcome, how: Evaluation) -> list[dict[str, Any]]:
+def window_of(scene: Scene, outcome: Outcome, how: WindowEvaluation) -> list[dict[str, Any]]:
     """What is kept of a run of one window, signal by signal, as plain data of ``WindowSignal``."""
     return [asdict(WindowSignal.of(signal, outcome.time, how)) for signal in signals_of(scene, outcome)]
 
 
-def signals_of(scene: Scene, outcome: Outcome) -> Iterator[Signal]:
+def signals_of(scene: Scene, outcome: Outcome) -> Iterator[RunSignal]:
     """All signals of a run."""
     time = outcome.time
     for name, driven in random_bases(scene).items():
         what = f"acceleration of {name}, as driven"
-        yield Signal(f"{name}.acceleration", ACCELERATION, what, driven.size * driven.law.sample(time))
+        yield RunSignal(f"{name}.acceleration", ACCELERATION, what, driven.size * driven.law.sample(time))
     base = _base_displacement(scene, time)
     for name, sensor in outcome.sensors.items():
         for i, axis in enumerate(AXES):
             if sensor.acceleration is not None:
                 what = f"acceleration of {name} along {axis}"
-                yield Signal(f"{name}.acceleration.{axis}", ACCELERATION, what, sensor.acceleration[:, i])
+                yield RunSignal(f"{name}.acceleration.{axis}", ACCELERATION, what, sensor.acceleration[:, i])
             if base is not None:
                 what = f"displacement of {name} relative to the base along {axis}"
-                yield Signal(f"{name}.displacement.{axis}", "m", what, sensor.displacement[:, i] - base[:, i])
+                yield RunSignal(f"{name}.displacement.{axis}", "m", what, sensor.displacement[:, i] - base[:, i])
     for name, bolt in outcome.bolts.items():
-        yield Signal(f"{name}.tension", "N", f"tension of {name}", bolt.force)
+        yield RunSignal(f"{name}.tension", "N", f"tension of {name}", bolt.force)
     for name, history in outcome.interfaces.items():
         if history.gap is not None and outcome.interfaces_every == 1:
             yield from _of_contact(name, history, time)
 
 
-def _of_contact(name: str, history: InterfaceHistory, time: Array) -> Iterator[Signal]:
+def _of_contact(name: str, history: InterfaceHistory, time: Array) -> Iterator[RunSignal]:
     """Signals of a contact."""
     assert history.gap is not None
     share = history.areas / history.areas.sum()
     way = np.linalg.norm(slip_in_contact(history, time), axis=2)
-    yield Signal(f"{name}.normal_force", "N", f"normal force of {name}", history.normal_resultant())
-    yield Signal(f"{name}.gap", "m", f"mean gap of {name}", history.gap @ share)
-    yield Signal(f"{name}.opening", "m", f"largest gap of a point of {name}", history.gap.max(axis=1))
-    yield Signal(f"{name}.slip", "m", f"largest slip of a point of {name} since t = 0", way.max(axis=1))
+    yield RunSignal(f"{name}.normal_force", "N", f"normal force of {name}", history.normal_resultant())
+    yield RunSignal(f"{name}.gap", "m", f"mean gap of {name}", history.gap @ share)
+    yield RunSignal(f"{name}.opening", "m", f"largest gap of a point of {name}", history.gap.max(axis=1))
+    yield RunSignal(f"{name}.slip", "m", f"largest slip of a point of {name} since t = 0", way.max(axis=1))
 
 
 def _base_displacement(scene: Scene, time: Array) -> Array | None:

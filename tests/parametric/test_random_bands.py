@@ -13,16 +13,15 @@ from typing import Any
 import pytest
 
 import latin_fmu
-from latin_fmu.attempts import standing_again, standing_run
-from latin_fmu.march import RunClock, RunOptions
+from latin_fmu.attempts import standing_again
 from latin_fmu.parametric.random_vibration import SignalStatistics
-from latin_fmu.parametric.window_statistics import Evaluation, WindowSignal, signals_of
+from latin_fmu.parametric.window_statistics import WindowEvaluation, WindowSignal, signals_of
 
 PAIRS, WINDOWS, REPEATS = 100, 50, 100
 TRUTH = 20_000
 HELD = range(90, 100)  # of 100 repeats: 95 expected, 89 to 99 would be 99 % of binomial
 STEP, END, BEGIN = 4e-4, 0.1, 0.06  # free vibrations decay by 16 in the 40 ms after the base is faded in
-HOW = Evaluation(BEGIN, 50, 1000.0)
+HOW = WindowEvaluation(BEGIN, 50, 1000.0)
 SIGNALS = ("gap", "normal_force")
 MATERIAL = {"young_modulus": 2e6, "poisson_ratio": 0.0, "density": 2000.0}
 
@@ -67,11 +66,10 @@ def at_windows(made: latin_fmu.Scene, first: int) -> latin_fmu.Scene:
 
 def windows(seed: int, count: int) -> Iterator[dict[str, WindowSignal]]:
     """What is kept of so many windows of a seed."""
-    made, options = scene(seed), RunOptions()
-    standing = standing_run(at_windows(made, 0), options, RunClock())
+    made, standing = scene(seed), None
     for first in range(0, count, PAIRS):
         now = at_windows(made, first)
-        standing = standing_again(standing, now, options, RunClock())
+        standing = standing_again(standing, now)
         outcome = standing.run.outcome
         assert outcome.trustworthy, outcome.status
         found = {s.name: s for s in signals_of(now, outcome)}

@@ -20,7 +20,7 @@ from latin_fmu.parametric.ensembles import mean_band, median_band, positive_band
 from latin_fmu.parametric.point import Grid, Parameter, Plan, PointSolver
 from latin_fmu.parametric.random_figure import random_figure
 from latin_fmu.parametric.random_vibration import random_vibration, summed_crossings
-from latin_fmu.parametric.window_statistics import Evaluation, Signal, WindowSignal, signals_of
+from latin_fmu.parametric.window_statistics import RunSignal, WindowEvaluation, WindowSignal, signals_of
 from latin_fmu.scene.random_bases import at_window
 
 LEVEL = 4.0  # (m/s2)^2/Hz
@@ -136,7 +136,7 @@ def test_closed_joints_have_the_rms_of_the_linear_answer(propagator: str) -> Non
 def test_a_window_is_the_run_of_its_scene(propagator: str) -> None:
     made = pressed(propagator)
     parameter = Parameter("boundary.base.law.window", (0, 1, 2))
-    how = Evaluation(0.1, 100, 2000.0)
+    how = WindowEvaluation(0.1, 100, 2000.0)
     plan = Plan(Grid(made.tables(), ".", (parameter,), True), evaluation=how)
     first, other = PointSolver(plan), PointSolver(Plan.of_text(plan.text()))
     records = [first.solve((i,)) for i in (0, 2, 1)]
@@ -185,11 +185,11 @@ def test_bands_cover_what_they_are_of() -> None:
 
 def test_crossings_of_windows_of_any_size_are_summed_up() -> None:
     time = np.linspace(0.0, 1.0, 10_001)
-    how = Evaluation(0.1, 100, 1000.0)
+    how = WindowEvaluation(0.1, 100, 1000.0)
     # from 0.1 s on, 9 and 18 periods; the values begin at 0
     signals = [
-        Signal("a.b", "m", "", np.sin(2 * np.pi * 10 * time)),
-        Signal("a.b", "m", "", 5.0 * np.sin(2 * np.pi * 20 * time)),
+        RunSignal("a.b", "m", "", np.sin(2 * np.pi * 10 * time)),
+        RunSignal("a.b", "m", "", 5.0 * np.sin(2 * np.pi * 20 * time)),
     ]
     levels, counts = summed_crossings([WindowSignal.of(signal, time, how) for signal in signals])
     for k, size, periods in ((0, 1.0, 9), (1, 5.0, 18)):
