@@ -3,9 +3,10 @@
     python examples/benchmarks/random_box.py [--end S] [--windows N] [--lowest HZ] [--level L]
 
 The shock of the model is replaced by a base acceleration of a flat density L g^2/Hz from the lowest frequency to 2 kHz.
-CPU seconds of one thread: of a run of the scene by itself; of the first window, which makes the set-up, and of those that
-follow, statistics of their signals included; and of a linear transient of the merged mesh of equal length and step with
-all joints bonded, HHT with one solution by a factor and one product with K and with M in a step (``assemblies.py``).
+CPU seconds of one thread: of a run of the scene by itself; of the first window, which makes the set-up, and of those
+that follow, statistics of their signals included; and of a linear transient of the merged mesh of equal length and step
+with all joints bonded, HHT with one solution by a factor and one product with K and with M in a step
+(``assemblies.py``).
 Windows of 10 ms say what an instant costs; statistics take longer ones (``latin-fmu random`` says how long).
 """
 

@@ -53,7 +53,7 @@ class RandomOptions(OfScene):
 
 @command(_EXAMPLES, feeds=("random_vibration",))
 def random(options: RandomOptions, signals: Signals) -> int:
-    """Statistics of a random vibration with contact: rms, spectra, level crossings and peaks with bands at 95 %."""
+    """Statistics of a random vibration with contact: rms, spectra, level crossings and peaks with their bands."""
     with signals.deferred():
         from ..machine import usable_cores
         from ..parametric.random_vibration import random_vibration
