@@ -44,7 +44,7 @@ class Drawing:
         """The file that the gallery links to, from the top of the repository: the script, or the README of a model."""
         words = (word for word in self.command.split() if word.startswith(("examples/", "models/")))
         file = next(words, "README.md")
-        return str(Path(file).with_name("README.md")) if file.endswith(".toml") else file
+        return str(Path(file).with_name("README.md")) if file.startswith("models/") and file.endswith(".toml") else file
 
     def digest(self) -> str:
         """Of the sources of what it shows, and of its script."""
@@ -98,6 +98,12 @@ DRAWINGS = {
         "latin-fmu base examples/base_history.csv -o base_history",
         ("shock",),
         "A base history from a specified shock response spectrum: band, spectrum reached, and the motion of the base.",
+    ),
+    "random_vibration": Drawing(
+        "latin-fmu random examples/random_vibration.toml --windows 50 --jobs 1 -o random.nc && "
+        "latin-fmu plot random.nc -o random_vibration.png",
+        ("shock", "parametric"),
+        "A bracket over a stop under a random vibration: spectra and crossings with bands, and the linear answer.",
     ),
     "joint_damping": _script("joint_damping.py", "assembly"),
     "thin_beam": _script("thin_beam.py", "assembly"),

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from .modal.backbone import backbone
     from .modal.frequency_response import frf
     from .modal.modes import vibration_modes
+    from .parametric.random_vibration import random_vibration
     from .parametric.samples import sample
     from .parametric.study import sweep
     from .reader import load_scene, scene_from_dict
@@ -59,16 +60,19 @@ if TYPE_CHECKING:
     from .results.views import amplitude_spectrum, pressure_map, resultant, ring_down, sensor_spectrum, skin
     from .scene.schema import Scene
     from .shock.base_histories import base_history
+    from .shock.random_motion import AccelerationDensity, RandomMotion
     from .shock.specification import Specification
 
 __version__ = "0.3.0"
 
 __all__ = [
+    "AccelerationDensity",
     "Checkpoint",
     "InputError",
     "Iteration",
     "LatinError",
     "MeshError",
+    "RandomMotion",
     "ResultsError",
     "Scene",
     "SceneError",
@@ -85,6 +89,7 @@ __all__ = [
     "load_scene",
     "open_results",
     "pressure_map",
+    "random_vibration",
     "resultant",
     "ring_down",
     "sample",
@@ -114,9 +119,11 @@ _MODULES: Final = MappingProxyType(
         "frf": "modal.frequency_response",
         "load_scene": "reader",
         "open_results": "results.files",
+        "random_vibration": "parametric.random_vibration",
         "sample": "parametric.samples",
         "scene_from_dict": "reader",
         "shock_response_spectrum": "results.spectra",
+        **dict.fromkeys(("AccelerationDensity", "RandomMotion"), "shock.random_motion"),
         "base_history": "shock.base_histories",
         "Specification": "shock.specification",
         "solve": "api",

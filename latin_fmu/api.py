@@ -24,6 +24,7 @@ from .remarks import Remark
 from .results.checkpoint import Checkpoint
 from .results.solution import Solution
 from .scene.histories import histories_of, history_lines
+from .scene.random_bases import random_lines
 from .scene.schema import Scene
 from .scene.units import UnitSystem
 
@@ -84,7 +85,7 @@ def solve(
     options = RunOptions(observer, progress, behaviours, checkpoint, stream, kept, fields, processes, max_cpu)
     if scene.differentiated:
         options = replace(options, stream=None)  # derivatives take the histories of all instants from the memory
-    ready, run, truncation = standing_run(scene, options, started)
+    ready, run, truncation, _ = standing_run(scene, options, started)
     solution = Solution(
         run.outcome,
         scene.text(),
@@ -163,6 +164,7 @@ def checked(scene: Scene) -> Checked:
     lines += port_lines(scene, discretised.bodies)
     lines += [cut.line(scene.unit_system) for cut in discretised.cuts.values()]
     lines += history_lines(scene)
+    lines += random_lines(scene)
     if discretised.scene.time.start.type == "static":
         lines.append("  start: equilibrium under what acts at t = 0, which the run solves first")
     lines.append(f"  {memory_line(prediction, stream=True)}")

@@ -29,7 +29,7 @@ from .interface.laws import bonds
 from .joined.tied_assembly import TieError
 from .latin.outcome import Outcome, Timings
 from .machine import one_thread, peak_memory
-from .march import MarchedRun, RunClock, RunOptions, march
+from .march import MarchedRun, RunClock, RunOptions, march, rewound
 from .remarks import remarks_of
 from .results.checkpoint import scene_digest
 from .results.estimates import TruncationError
@@ -128,11 +128,13 @@ class EndedRun(NamedTuple):
 
 
 class StandingRun(NamedTuple):
-    """A run that no choice speaks against: what was run, its end, and the error of a march by modes chosen for it."""
+    """A run that no choice speaks against: what was run, its end, the error of a march by modes chosen for it, and its
+    choices."""
 
     ready: Prepared
     run: MarchedRun
     truncation: TruncationError | None
+    attempt: Attempt
 
 
 def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> StandingRun:
@@ -169,6 +171,28 @@ def standing_run(scene: Scene, options: RunOptions, started: RunClock) -> Standi
             run.outcome.stream.close()
 
 
+def standing_again(
+    before: StandingRun | None, scene: Scene, kept: KeptOperators | None = None, max_cpu: float | None = None
+) -> StandingRun:
+    """Run a scene that differs from one whose run stands in the laws of loads and driven faces alone: what was marched
+    is marched again, and nothing is made anew (``march.rewound``). Runs as by ``standing_run`` are the first one, with
+    None ``before``, those of bonded bodies that are one substructure, with bodies left out or bolts that yield, and one
+    whose end speaks against the choices of the run before; ``kept``, ``max_cpu`` : as for ``api.solve``."""
+    options, started = RunOptions(kept=kept, max_cpu=max_cpu), RunClock(max_cpu)
+    if before is None:
+        return standing_run(scene, options, started)
+    problem = before.ready.problem
+    whole = problem.grouped is None and problem.untouched is None and before.ready.tangent is None
+    if not whole or before.attempt.yielding.tables:
+        return standing_run(scene, options, started)
+    ready = before.ready._replace(problem=rewound(problem, scene))
+    run = _marched(scene, options, ready, started, before.attempt.stress)
+    _, standing = _judged(EndedRun(scene, before.attempt, ready, run, started, options.kept))
+    if standing is None:
+        return standing_run(scene, options, started)
+    return standing
+
+
 def _other_form(scene: Scene, attempt: Attempt, ready: Prepared) -> Attempt | None:
     """The next form of a run that a checkpoint may be of: of the bodies, with all of them, with the stiffness of their
     stress; None where it is of none."""
@@ -197,7 +221,7 @@ def _judged(ended: EndedRun) -> tuple[Attempt, StandingRun | None]:
         truncation = verdict.truncation or truncation
     if outcome.converged:
         outcome.timings.predicted = ended.ready.prediction.march
-    return ended.attempt, StandingRun(ended.ready, ended.run._replace(outcome=outcome), truncation)
+    return ended.attempt, StandingRun(ended.ready, ended.run._replace(outcome=outcome), truncation, ended.attempt)
 
 
 def _marched(scene: Scene, options: RunOptions, ready: Prepared, started: RunClock, stress: str) -> MarchedRun:

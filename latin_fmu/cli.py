@@ -39,6 +39,7 @@ COMMANDS: Final = MappingProxyType(
         "cost": "studies",
         "stress": "studies",
         "sweep": "studies",
+        "random": "random",
         "calibrate": "studies",
         "fmu": "fmu",
         "simulate": "fmu",

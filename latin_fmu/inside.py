@@ -43,6 +43,7 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "assembly.models": ("KeptOperators",),
         "assembly.problem": ("DiscretisedProblem",),
         "assembly.propagator_choice": ("factor_bytes",),
+        "attempts": ("StandingRun", "standing_again"),
         "building": ("discretise",),
         "checks.mesh_checks": ("check_faces",),
         "compiled": ("PLAIN", "compiled_run", "hosted_run", "libraries", "library"),
@@ -60,6 +61,7 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
             "Array",
             "BoltHistory",
             "InterfaceHistory",
+            "Outcome",
             "SensorHistory",
             "SubstructureHistory",
             "Timings",
@@ -70,6 +72,7 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "modal.backbone": ("Backbone", "backbone"),
         "modal.frequency_response": ("FrequencyResponse", "frf"),
         "modal.modes": ("vibration_modes",),
+        "modal.random_response": ("LinearResponse", "LinearSignal", "random_response"),
         "run_quantities": (
             "ELEMENTS_PER_WAVE",
             "Quantities",

@@ -30,6 +30,7 @@ from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import remarks_of
 from .results.checkpoint import Checkpoint
 from .results.writing import IN_MEMORY, STREAMED, check_folder
+from .scene.schema import Scene
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
 _STREAMED: Final = (
@@ -185,6 +186,26 @@ class MarchedRun(NamedTuple):
     outcome: Outcome
     recorder: Recorder
     marched: Recorder | None = None
+
+
+def rewound(problem: SolverReadyProblem, scene: Scene) -> SolverReadyProblem:
+    """A problem that has been run, back at t = 0 with the laws of a scene that differs in nothing else: no operator is
+    made anew. The march is that of ``scene`` alone but for the size of tractions that tolerances refer to, which stays
+    that of the first one.
+
+    Raises
+    ------
+    ValueError : bonded bodies that are marched as one.
+    """
+    if problem.grouped is not None:
+        raise ValueError("bonded bodies that are marched as one begin with their assembly")
+    bodies, reduced, timeline = problem.assembly, problem.reduced, problem.timeline.of(scene)
+    for propagator in bodies.propagators:
+        propagator.restart()
+    timeline.begin(bodies, bodies.time, {}, dict(bodies.ground.start))
+    if reduced is not None:
+        reduced = cast(Any, reduced).rewound()
+    return replace(problem, timeline=timeline, reduced=reduced)
 
 
 def march(

@@ -27,7 +27,17 @@ from .scene.fields import LocalAxes
 from .scene.initial_fields import DisplacementFile, VelocityFile
 from .scene.initial_fields import InitialStateTable as InitialState
 from .scene.interfaces import ContactSearch, GroundPlane, GroundVelocity, Interface
-from .scene.laws import ConstantLaw, CsvLaw, HalfSineLaw, InputLaw, RectangularPulseLaw, SrsLaw, StepLaw, TableLaw
+from .scene.laws import (
+    ConstantLaw,
+    CsvLaw,
+    HalfSineLaw,
+    InputLaw,
+    PsdLaw,
+    RectangularPulseLaw,
+    SrsLaw,
+    StepLaw,
+    TableLaw,
+)
 from .scene.limits import Limit
 from .scene.loads import Load
 from .scene.materials import MaterialTable as Material
@@ -131,6 +141,7 @@ __all__ = [
     "PrescribedAcceleration",
     "PrescribedDisplacement",
     "PrescribedVelocity",
+    "PsdLaw",
     "RectangularPulseLaw",
     "ReducedPropagator",
     "Row",

@@ -212,7 +212,7 @@ def test_choices_are_those_of_the_function_that_is_fed(name: str) -> None:
     }
     offered = {action.dest: action.choices for action in HELPS[name]._actions if action.choices}
     assert {key: value for key, value in offered.items() if key in wanted} == wanted
-    assert wanted or name in ("sweep", "calibrate")
+    assert wanted or name in ("sweep", "calibrate", "random")
 
 
 def test_options_that_were_not_given_are_not_handed_on() -> None:

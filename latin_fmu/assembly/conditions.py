@@ -92,6 +92,11 @@ class Conditions:
             return np.stack(columns, axis=1)
         return np.zeros((len(time), 0))
 
+    def with_laws_of(self, boundaries: Mapping[str, Boundary]) -> Conditions:
+        """The same with the laws of boundaries that differ in nothing else."""
+        laws = {f"boundary.{name}": b.law for name, b in boundaries.items() if isinstance(b, Driven)}
+        return replace(self, motions=tuple(replace(m, law=laws.get(m.source, m.law)) for m in self.motions))
+
     @property
     def motion_kinds(self) -> tuple[str, ...]:
         """Kind of each prescribed motion."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from types import MappingProxyType
 from typing import Final
 
@@ -43,6 +44,13 @@ class Timeline:
         self._bolts = {load_name(name): ramp for name, ramp in bolts.items()}
         self._elongation = {load_name(name): q for name, q in elongation.items()}
         self._histories = histories
+
+    def of(self, scene: Scene) -> Timeline:
+        """That of a scene with other laws of loads and driven faces, and nothing else."""
+        made = copy(self)
+        made._scene, made._laws = scene, scene.force_laws
+        made._conditions = {name: of.with_laws_of(scene.boundary) for name, of in self._conditions.items()}
+        return made
 
     def begin(
         self,

@@ -44,7 +44,9 @@ class PlotOptions:
         bool, Option("of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)")
     ] = False
     details: Annotated[bool, Option("of a results file: also the convergence of its iteration")] = False
-    quantity: Annotated[tuple[str, ...], Option("of a study: draw this quantity; may be repeated", "NAME")] = ()
+    quantity: Annotated[
+        tuple[str, ...], Option("of a study or a random vibration: draw this quantity; may be repeated", "NAME")
+    ] = ()
     tornado: Annotated[
         bool, Option("of a results file: changes of its quantities by parameters (output.sensitivities)")
     ] = False
@@ -291,6 +293,10 @@ def _results_figure(options: PlotOptions) -> Figure:
     from ..results.spectra import shock_axis, stored_spectra
 
     with closing(open_results(options.file)) as tree, readable(options.file):
+        if "signals" in tree.children:
+            from ..parametric.random_figure import random_figure
+
+            return random_figure(tree, options.quantity)
         if "kind" in tree.attrs and "spread" not in tree.children:  # a parametric study
             from ..parametric.figure import study_figure
 

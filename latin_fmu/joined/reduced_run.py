@@ -224,10 +224,22 @@ class ReducedMarch:
         still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(self.units)}
         self.assembly.begin(bodies.time, bodies.dt, ground, still)
 
+    def rewound(self) -> ReducedMarch:
+        """The same march, at t = 0 with the loads and motions that the bodies have begun with, by which results are
+        read, too."""
+        march = replace(self, drives=self._driven())
+        march.restart()
+        march.begin()
+        return march
+
+    def _driven(self) -> DrivenLoads:
+        """What drives the bodies, which have begun with it."""
+        amplitudes, motions = drive_histories(self.tied, self.bodies)
+        return replace(self.drives, amplitudes=amplitudes, motions=motions)
+
     def restart(self) -> None:
         """Back to t = 0 with the loads and motions that the bodies have begun with; ``begin`` must follow."""
-        amplitudes, motions = drive_histories(self.tied, self.bodies)
-        drives = replace(self.drives, amplitudes=amplitudes, motions=motions)
+        drives = self._driven()
         (propagator,) = self.assembly.propagators
         displacement, velocity = start_of(self.tied, self.reduced, drives)
         propagator.members[0] = replace(propagator.members[0], displacement=displacement, velocity=velocity)

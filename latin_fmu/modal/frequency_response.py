@@ -122,14 +122,7 @@ def frf(
     (2, 3)
     """
     ratios = _checked(scene, drives, sensors, damping, (kind, points, frequencies, lowest, highest))
-    problem = without_scheme(scene)
-    if ratios is None and not damped(problem):  # before the bolts are tightened, which takes far longer
-        raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
-    problem, state = clamped(scene, problem, joints)
-    joined = JoinedAssembly.of(problem, joints, pressed_of(problem, state))
-    excitations = _Excitations(joined, scene, joined.modes(_FIRST))
-    if not len(excitations.modes.omega):
-        raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
+    excitations = Excitations.of(scene, joints, ratios is None)
     names = list(drives) or excitations.base_motions
     terms = [excitations.terms(name, _POWER[kind], ratios is None) for name in names]
     columns = np.column_stack([column for pairs in terms for _, column in pairs])
@@ -138,7 +131,7 @@ def frf(
         top = highest
     else:
         top = float(grid.max())
-    basis = _Basis.of(excitations, columns, top, ratios)
+    basis = RitzBasis.of(excitations, columns, top, ratios)
     if grid is None:
         grid = basis.frequencies(lowest, highest, points)
     response: dict[str, dict[str, Complex]] = {name: {} for name in names}
@@ -234,12 +227,26 @@ def _power(n: int) -> OfFrequency:
 
 
 @dataclass(frozen=True)
-class _Excitations:
+class Excitations:
     """Forces and motions of places on the dofs of a joined assembly; ``modes`` : rigid motions, the lowest others."""
 
     joined: JoinedAssembly
     scene: Scene
     modes: Modes
+
+    @staticmethod
+    def of(scene: Scene, joints: Joints = "sticking", damped_by_scene: bool = True) -> Excitations:
+        """Those of the clamped assembly of a scene, with its lowest modes; ``damped_by_scene`` : whether its damping is
+        what damps. Raises InputError: it has none then, or nothing that can move has mass."""
+        problem = without_scheme(scene)
+        if damped_by_scene and not damped(problem):  # before the bolts are tightened, which takes far longer
+            raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
+        problem, state = clamped(scene, problem, joints)
+        joined = JoinedAssembly.of(problem, joints, pressed_of(problem, state))
+        excitations = Excitations(joined, scene, joined.modes(_FIRST))
+        if not len(excitations.modes.omega):
+            raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
+        return excitations
 
     def rows(self, sensor: str) -> Array:
         """Motion of a sensor (3, n) from the dofs."""
@@ -333,7 +340,7 @@ class _Excitations:
 
 
 @dataclass(frozen=True)
-class _Basis:
+class RitzBasis:
     """Ritz coordinates of a joined assembly.
 
     Attributes
@@ -350,7 +357,7 @@ class _Basis:
     strained: tuple[ProjectedStiffness, ...] = ()
 
     @staticmethod
-    def of(excitations: _Excitations, forces: Array, highest: float | None, ratios: Array | None) -> _Basis:
+    def of(excitations: Excitations, forces: Array, highest: float | None, ratios: Array | None) -> RitzBasis:
         """Coordinates for forces (n, n_force) up to a frequency, Hz, that of the last of the lowest modes where None.
         Raises InputError: there is no damping."""
         joined = excitations.joined
@@ -371,7 +378,7 @@ class _Basis:
             # the last ratio is that of the rest, static responses included
             number = np.minimum(np.arange(len(values)), len(ratios) - 1)
             ratio = np.concatenate([np.zeros(modes.n_rigid), ratios[number]])
-            return _Basis(vectors, omega, 2 * ratio * omega, modes.n_rigid, n_mode)
+            return RitzBasis(vectors, omega, 2 * ratio * omega, modes.n_rigid, n_mode)
         reduced = [m.name for m in joined.parts.models.values() if m.modal is not None and m.modal_rows is None]
         if reduced:
             what = "modal damping without a limit is that of a reduced basis"
@@ -381,7 +388,7 @@ class _Basis:
         damping, strained = joined.damping_of(full), tuple(joined.strained_of(full))
         if not (strained or np.abs(damping).max(initial=0.0) > 0.0):
             raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
-        return _Basis(vectors, omega, damping, modes.n_rigid, n_mode, strained)
+        return RitzBasis(vectors, omega, damping, modes.n_rigid, n_mode, strained)
 
     @cached_property
     def damped(self) -> tuple[Array, Array]:

@@ -33,6 +33,7 @@ import numpy as np
 from .. import api
 from ..accuracy.runs import message_of
 from ..assembly.models import KeptOperators
+from ..attempts import StandingRun, standing_again
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array
 from ..reader import scene_from_dict
@@ -46,17 +47,21 @@ from ..scene.describe import unit_at
 from ..scene.overrides import parse_value
 from ..scene.quantity_table import BOLT, BOUNDARY, INTERFACE, RUN, SENSOR, values_of
 from ..scene.quantity_table import QUANTITIES as ROWS
+from ..scene.random_bases import at_window
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value, with_settings
 from ..scene.unit_texts import si_unit, unit_size, value_and_unit
 from ..scene.unit_values import value_in_scene_units
 from ..scene.units import system_named
+from .window_statistics import WindowEvaluation, window_of
 
 MOST_POINTS: Final = 20_000
 """Largest number of points of a study."""
 MOST_PARAMETERS: Final = 8
 SAMPLE: Final = "sample"
 """Dimension of a study of samples."""
+WINDOW: Final = "window"
+"""What a record has of a window of a random vibration."""
 _TRIED: Final = 200  # points of which one must be valid
 
 _FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. load.press.pressure=0:2e8:5 or =1MPa:2MPa:5"
@@ -414,26 +419,30 @@ class Plan:
     ----------
     grid : scene and parameters. histories : whether to keep the resultants of the interfaces over time.
     guesses : whether windows of several instants begin with fields of neighbouring points.
-    max_cpu : CPU seconds that a point may take, None for no limit.
+    max_cpu : CPU seconds that a point may take, None for no limit. evaluation : of the points as windows of a random
+        vibration, None of others.
     """
 
     grid: Grid
     histories: bool = False
     guesses: bool = True
     max_cpu: float | None = None
+    evaluation: WindowEvaluation | None = None
 
     def text(self) -> str:
         """The plan as text, for other processes."""
         grid = self.grid
         vary = [[p.key, p.values] for p in grid.parameters], grid.samples
-        return json.dumps([grid.tables, grid.base_dir, *vary, self.histories, self.guesses, self.max_cpu])
+        evaluation = None if self.evaluation is None else self.evaluation.plain()
+        return json.dumps([grid.tables, grid.base_dir, *vary, self.histories, self.guesses, self.max_cpu, evaluation])
 
     @classmethod
     def of_text(cls, text: str) -> Plan:
         """The plan from its text."""
-        tables, base_dir, vary, samples, histories, guesses, max_cpu = json.loads(text)
+        tables, base_dir, vary, samples, histories, guesses, max_cpu, evaluation = json.loads(text)
         parameters = tuple(Parameter(key, tuple(values)) for key, values in vary)
-        return cls(Grid(tables, base_dir, parameters, samples), histories, guesses, max_cpu)
+        how = None if evaluation is None else WindowEvaluation(**evaluation)
+        return cls(Grid(tables, base_dir, parameters, samples), histories, guesses, max_cpu, how)
 
 
 class PointSolver:
@@ -447,19 +456,22 @@ class PointSolver:
     def __init__(self, plan: Plan) -> None:
         self.plan, self.guesses = plan, FirstGuesses()
         self.kept = self._operators()
+        self._window: tuple[Scene, StandingRun] | None = None  # the last one of a random vibration
         self._lock = Lock()  # a worker of a cluster may have several threads
 
     def _operators(self) -> KeptOperators:
         """Those of no point yet."""
-        # samples have bands of histories, too
-        return KeptOperators(resultants_alone=not self.plan.histories and not self.plan.grid.samples)
+        # samples have bands of histories, too, windows signals of contacts alone
+        plan = self.plan
+        alone = plan.evaluation is not None or not (plan.histories or plan.grid.samples)
+        return KeptOperators(resultants_alone=alone)
 
     def solve(self, point: Index) -> Record:
         """The record of a point; an error in it becomes its message."""
         with self._lock:
             start = clock.process_time()
             try:
-                record = self._solved(point)
+                record = self._solved(point) if self.plan.evaluation is None else self._of_window(point)
             except LatinError as error:
                 record = failed(message_of(error))
             except MemoryError:
@@ -467,8 +479,24 @@ class PointSolver:
             except Exception as error:  # a study outlives whatever one of its points does
                 record = failed(f"{type(error).__name__}: {error}")
             if record["state"] == FAILED:
-                self.kept = self._operators()  # operators may be half made
+                self.kept, self._window = self._operators(), None  # operators may be half made
             return {**record, "point": list(point), "cpu": clock.process_time() - start}
+
+    def _of_window(self, point: Index) -> Record:
+        """A window of a random vibration, which begins with the operators of the last one."""
+        assert self.plan.evaluation is not None
+        grid = self.plan.grid
+        # one parameter stands for the windows of all bases
+        number = int(grid.parameters[0].values[point[0]])
+        before, standing = self._window or (grid.scene(point), None)
+        scene = at_window(before, number)
+        standing = standing_again(standing, scene, self.kept, self.plan.max_cpu)
+        self._window = scene, standing
+        outcome = standing.run.outcome
+        record: Record = {"state": NOT_CONVERGED, "message": outcome.status}
+        if outcome.trustworthy and outcome.complete:
+            record |= {"state": CONVERGED, WINDOW: window_of(scene, outcome, self.plan.evaluation)}
+        return record | {"marched": outcome.settings.get("propagator", "")}
 
     def _solved(self, point: Index) -> Record:
         grid, guesses = self.plan.grid, self.guesses

@@ -234,6 +234,7 @@ def solved_points(
     _check_memory(checked.undifferentiated, min(jobs, len(grid.order)))
     # keys alone: values are in the names of the points, so that a study can be continued with more of them
     kept = f"histories {plan.histories}{f', {SAMPLE}' if grid.samples else ''}"
+    kept += "" if plan.evaluation is None else f", {plan.evaluation.plain()}"
     digest = scene_digest(checked, [*(p.key for p in grid.parameters), kept])
     target = None if output is None else check_target(output)
     store = None if target is None else Store(target, grid, digest)

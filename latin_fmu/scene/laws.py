@@ -22,9 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from .fields import Real, SceneTable, Series, Text, _as_list, about, entry, refusal, tagged, units_in
-from .number_files import MULTIPLIED, AccelerationUnit, Column, TimeUnit, ValueUnit, is_column
+from .number_files import MULTIPLIED, AccelerationUnit, Column, DensityUnit, TimeUnit, ValueUnit, is_column
 from .records import GAPS, STARTS, filled
-from .unit_texts import names_for
+from .unit_texts import DENSITY, names_for
+
+if TYPE_CHECKING:
+    from ..shock.random_motion import RandomMotion
 
 
 def base_dir_of(context: Any) -> Path:
@@ -233,6 +236,69 @@ class SrsLaw(_PointsLaw):
         return None, None
 
 
+class PsdLaw(SceneTable):
+    """A base acceleration with a specified power spectral density: one window of a random vibration, drawn by a seed,
+    that begins at rest and is stationary after two periods of the lowest frequency.
+
+    The breakpoints are those of a file with two columns, frequency in Hz and density, or of the scene; in between both
+    are straight lines in logarithms. Those of a file are kept with the scene (`frequency`, `density`).
+    """
+
+    type: Literal["psd"] = "psd"
+    file: Annotated[
+        Text, about("file with two columns, frequency in Hz and density; its header or `unit` names the unit")
+    ] = ""
+    unit: Annotated[
+        DensityUnit | None,
+        about(f"unit of the densities of the file: {names_for(DENSITY)}, or the factor to the units of the scene", "1"),
+    ] = None
+    frequency: Annotated[Series, about("breakpoints instead of a file: increasing", "Hz")] = ()
+    density: Annotated[Series, about("one-sided power spectral density of the acceleration at these", DENSITY)] = ()
+    seed: Annotated[
+        int, about("what the motion is drawn by: the same one gives the same motion", "1", ge=0, lt=2**53)
+    ] = 0
+    window: Annotated[
+        int,
+        about("number of the motion among those of the seed, which are independent of each other", "1", ge=0, lt=2**31),
+    ] = 0
+    duration: Annotated[
+        Real | None, about("period of the motion, which a run must not exceed; default: `time.end`", "s", gt=0)
+    ] = None
+    read_as: Annotated[Text, about("filled from the file: its name and breakpoints")] = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _load(cls, data: Any, info: ValidationInfo) -> Any:
+        from .specifications import with_density
+
+        if not isinstance(data, dict):
+            return data
+        return with_density(data, base_dir_of(info.context), units_in(info.context))
+
+    @property
+    def motion(self) -> "RandomMotion":
+        """The motion, in units of the scene.
+
+        Raises
+        ------
+        ValueError : a law outside of a scene, without duration.
+        """
+        from ..shock.random_motion import motion_of
+
+        if self.duration is None:
+            raise ValueError("a random vibration has the duration of its scene: give one outside of a scene")
+        return motion_of(self.frequency, self.density, self.duration, (self.seed, self.window))
+
+    def sample(self, times: ArrayLike) -> Array:
+        """a(t) at the times, s."""
+        return self.motion.acceleration(times)
+
+    def impulse(self, t0: float, t1: float) -> float:
+        """Exact integral of a from t0 to t1 >= t0, s."""
+        before, after = self.motion.velocity([t0, t1])
+        return float(after - before)
+
+
 _JUMP_ROUND_OFF = 1e-9
 _START = "instant where the law starts"
 
@@ -339,7 +405,7 @@ class InputLaw(SceneTable):
 
 Law = Annotated[
     Annotated[
-        ConstantLaw | StepLaw | RectangularPulseLaw | HalfSineLaw | TableLaw | CsvLaw | SrsLaw | InputLaw,
+        ConstantLaw | StepLaw | RectangularPulseLaw | HalfSineLaw | TableLaw | CsvLaw | SrsLaw | PsdLaw | InputLaw,
         Field(discriminator="type"),
     ],
     BeforeValidator(
@@ -352,6 +418,7 @@ Law = Annotated[
         | TableLaw
         | CsvLaw
         | SrsLaw
+        | PsdLaw
         | InputLaw,
     ),
 ]

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator
 
 from ..errors import did_you_mean
 from .fields import refusal
-from .unit_texts import names_for, si_unit, unit_size, words_for
+from .unit_texts import DENSITY, names_for, si_unit, unit_size, words_for
 from .units import SI, UnitSystem
 
 MAX_FILE_BYTES: Final = 500_000_000
@@ -89,6 +89,7 @@ Column = Annotated[str | int, BeforeValidator(_check_column)]
 TimeUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "s"))]
 ValueUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, *MULTIPLIED))]
 AccelerationUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m s-2"))]
+DensityUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, DENSITY))]
 LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m"))]
 SPECTRAL: Final = ("m s-2", "m s-1", "m")
 """Units (UDUNITS) of what shock response spectra are of."""

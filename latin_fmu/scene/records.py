@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .fields import refusal
 from .number_files import MULTIPLIED, Column, NumberTable, factor, number_table
-from .unit_texts import QUANTITIES, plain_unit, unit_size
+from .unit_texts import DENSITY, QUANTITIES, plain_unit, unit_size
 from .units import UnitSystem
 
 STARTS: Final = ("file", "record", "cut")
@@ -52,6 +52,7 @@ _VALUES: Final[Mapping[str, str]] = MappingProxyType(
 """Words of recorders for units, beside the texts of units."""
 _OTHERS: Final = ("V", "mV", "uV", "kV", "volt", "volts", "A", "mA", "dB", "Hz", "kHz", "degC")
 _BRACKETS: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+_SQUARE: Final = re.compile(r"\[([^\[\]]*)\]\s*$")  # with brackets of a unit inside
 _BEHIND: Final = re.compile(r"(?:/\s*|[,:;]\s*|\sin\s+)([^\s,:;]+)$")
 _LAST_WORD: Final = re.compile(r"[\s_.]([^\s_.]+)$")
 
@@ -100,7 +101,8 @@ def named_unit(text: str, time: bool) -> str | None:
     plain = plain_unit(text)
     for word in (plain, plain.casefold() if len(plain) > 2 else plain):
         name = (_TIMES if time else _VALUES).get(word, word)
-        unit = next((u for u in (("s",) if time else MULTIPLIED) if unit_size(name, u) is not None), None)
+        units = ("s",) if time else (*MULTIPLIED, DENSITY)
+        unit = next((u for u in units if unit_size(name, u) is not None), None)
         # "1" in a header is a number of something
         if unit is not None and name != "1":
             # one spelling, so that names can be compared
@@ -118,7 +120,7 @@ def _is_unit(text: str) -> bool:
 
 def _bare(cell: str) -> str:
     """A cell without brackets around the whole of it."""
-    found = _BRACKETS.fullmatch(cell.strip())
+    found = _SQUARE.fullmatch(cell.strip()) or _BRACKETS.fullmatch(cell.strip())
     if found:
         return found[1].strip()
     return cell.strip()
@@ -126,7 +128,7 @@ def _bare(cell: str) -> str:
 
 def _unit_in(title: str, time: bool) -> str:
     """Unit that a title names, as written; empty where it names none."""
-    found = _BRACKETS.search(title)
+    found = _SQUARE.search(title) or _BRACKETS.search(title)
     if found and _is_unit(found[1].strip()):
         return found[1].strip()
     for pattern in (_BEHIND, *([_LAST_WORD] if time else [])):

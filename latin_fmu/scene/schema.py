@@ -25,6 +25,7 @@ from .loads import Load, load_problems, load_unit
 from .materials import MaterialTable, material_problems
 from .overrides import apply_overrides, no_number, number_at, with_value
 from .ports import Port, port_laws, port_problems
+from .random_bases import random_problems, with_durations, without_durations
 from .raw_scene import named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Effects, Fmu, Output, Solver, Time, settings_problems, with_defaults
@@ -324,7 +325,7 @@ class Scene(SceneTable):
         written, unmatched = with_screws(written)
         unreadable += [*unread, *_in_unknown_units(raw, info.context), *unmatched]
         try:
-            completed = with_defaults(written)
+            completed = with_durations(with_defaults(written))
             if completed is raw:
                 scene = handler(data)
             else:
@@ -338,7 +339,7 @@ class Scene(SceneTable):
             raise SceneError(problems, _HEADING) from None
         problems = unreadable or _relation_problems(written, mesh_dir)
         problems = problems or history_problems(scene) + range_problems(scene.limit, scene.time.time_step)
-        problems = problems or _named_numbers(scene)
+        problems = problems or list(random_problems(scene)) or _named_numbers(scene)
         if problems:
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
@@ -486,6 +487,7 @@ def _without_meaningless(data: dict[str, Any]) -> dict[str, Any]:
     for table in (*data["interface"].values(), *data["contact"].values()):
         for key in MEANINGLESS.get(table["behaviour"], ()):
             table.pop(key, None)
+    without_durations(data)
     for table in data["limit"].values():
         for key in useless_keys(table):
             table.pop(key, None)

@@ -1,4 +1,4 @@
-"""Specifications of shocks in files and scenes, and the base histories that laws have from them."""
+"""Specifications of shocks and random vibrations in files and scenes, and what laws have from them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ..shock.specification import Specification, breakpoint_problems
 from .fields import refusal
 from .number_files import factor, number_table
 from .records import column_unit, named_unit
-from .unit_texts import names_for, si_unit, words_for
+from .unit_texts import DENSITY, names_for, si_unit, words_for
 from .units import UnitSystem
 
 _FREQUENCY: Final = "Hz"
-_EXAMPLE_UNITS: Final = {"m s-1": "m/s", "m": "mm"}  # of messages
+_EXAMPLE_UNITS: Final = {"m s-1": "m/s", "m": "mm", DENSITY: "g^2/Hz"}  # of messages
 _NAMED = 6  # frequencies outside a specification in a message
 
 
@@ -156,14 +156,32 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _breakpoints(data: Mapping[str, Any], base_dir: Path, system: UnitSystem) -> tuple[list[float], list[float]]:
-    """Breakpoints of the file, or of the scene."""
-    listed = [data.get(key) or () for key in ("frequency", "acceleration")]
+def with_density(data: Mapping[str, Any], base_dir: Path, system: UnitSystem) -> dict[str, Any]:
+    """The keys of a law of a random vibration with its breakpoints in the units of the scene, and without file and
+    unit.
+
+    Raises the refusal of the law: no breakpoints, breakpoints that are none, a unit of something else.
+    """
+    unit = data.get("unit")
+    if isinstance(unit, str) and si_unit(unit) != DENSITY:
+        return dict(data)  # keys that are wrong by themselves are reported as such
+    frequency, density = _breakpoints(data, base_dir, system, "density", DENSITY)
+    rest = {key: value for key, value in data.items() if key not in ("file", "unit")}
+    if data.get("file"):
+        rest["read_as"] = f"{data['file']}, {len(frequency)} breakpoints"
+    return {**rest, "frequency": frequency, "density": density}
+
+
+def _breakpoints(
+    data: Mapping[str, Any], base_dir: Path, system: UnitSystem, values_of: str = "acceleration", of: str = "m s-2"
+) -> tuple[list[float], list[float]]:
+    """Breakpoints of the file, or of the scene; ``values_of`` : key of their values, whose unit is ``of``."""
+    listed = [data.get(key) or () for key in ("frequency", values_of)]
     file = data.get("file")
     if bool(file) == any(map(len, listed)):
-        raise refusal("a specification is a file, or breakpoints", allowed="file, or frequency and acceleration")
+        raise refusal("a specification is a file, or breakpoints", allowed=f"file, or frequency and {values_of}")
     if file:
-        return read_breakpoints(base_dir, str(file), data.get("unit"), system)
+        return read_breakpoints(base_dir, str(file), data.get("unit"), system, of)
     frequency, acceleration = (list(values) for values in listed)
     for row, what, value, allowed in breakpoint_problems(frequency, acceleration):
         raise refusal(f"breakpoint {row}: {what}", value=value, allowed=allowed)

@@ -1,7 +1,8 @@
 """Texts of units, and values with units: ``"kN"``, ``"m/s^2"``, ``"44 lbf in"``; for scenes, histories and meshes.
 
 A unit is a product of names with whole powers, ``N m``, ``N*m``, ``N.m``, ``lbf-in``, ``kg m-3``, ``m/s2``, ``m/s^2``;
-behind a stroke stands one factor, or several in brackets: ``N/(m s)``. Sizes are exact fractions, so that "20 um" is
+behind a stroke stands one factor, or several in brackets: ``N/(m s)``; a unit in brackets may have a power,
+``(m/s2)^2/Hz``. Sizes are exact fractions, so that "20 um" is
 the same number as 20e-6. ``g`` is the acceleration of gravity or a gram, by the dimension that is wanted.
 
 Angles and cycles have dimensions of their own: 1 Hz is no 1/s (but 2 pi rad/s), and an angle is no pure number.
@@ -93,6 +94,8 @@ class Dimension(NamedTuple):
     names: tuple[str, ...]
 
 
+DENSITY: Final = "m2 s-4 Hz-1"
+"""Unit (UDUNITS, SI) of power spectral densities of accelerations."""
 QUANTITIES: Final[Mapping[str, Dimension]] = MappingProxyType(
     {
         "s": Dimension("a time", ("s", "ms", "us", "ns", "min", "h")),
@@ -120,12 +123,14 @@ QUANTITIES: Final[Mapping[str, Dimension]] = MappingProxyType(
         "rad": Dimension("an angle", ("rad", "deg")),
         "m-1": Dimension("a curvature", ("1/m", "1/mm")),
         "m2": Dimension("an area", ("m2", "mm2")),
+        DENSITY: Dimension("a spectral density of an acceleration", ("g^2/Hz", "(m/s2)^2/Hz")),
     }
 )
 """By the unit in SI, a UDUNITS string."""
 
 _MARKS: Final = str.maketrans({"²": "2", "³": "3", "µ": "u", "μ": "u", "^": None, "·": " ", "\u2212": "-", "*": " "})
 _FACTOR: Final = re.compile(r"(%|[A-Za-z]+)(-?[1-9])?|1")
+_POWER_OF: Final = re.compile(r"\(([^()]+)\)([1-9])(.*)")
 _BETWEEN: Final = re.compile(r"[ .]+|-(?=[A-Za-z])")
 
 
@@ -192,7 +197,11 @@ def _of(unit: str) -> UnitSize:
 @lru_cache(maxsize=1024)
 def _product(text: str, gravity: bool) -> UnitSize | None:
     """A unit by its text, None where it is none."""
-    above, *below = plain_unit(text).split("/")
+    plain = plain_unit(text)
+    if power := _POWER_OF.fullmatch(plain):
+        inner, rest = _product(power[1], gravity), _product(f"1{power[3]}", gravity)
+        return None if inner is None or rest is None else rest.times(inner, int(power[2]))
+    above, *below = plain.split("/")
     product = _factors(above, gravity)
     for part in below:
         bare = part.strip()

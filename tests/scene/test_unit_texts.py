@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from latin_fmu.scene.unit_texts import QUANTITIES, is_unit, si_unit, unit_size, value_and_unit
+from latin_fmu.scene.unit_texts import DENSITY, QUANTITIES, is_unit, si_unit, unit_size, value_and_unit
 from latin_fmu.scene.units import SI, UNIT_SYSTEMS
 
 POWER = re.compile(r"(?<=[A-Za-z])(?=-?[0-9])")
@@ -19,9 +19,11 @@ WORDS = {"Nm": "N*m", "Nmm": "N*mm", "kNm": "kN*m", "%": "percent", "lb": "pound
 def by_pint(registry: Any, text: str, si: str) -> float:
     """Size in SI of a unit, by pint."""
     words = WORDS.get(text, text).replace("lb ", "pound ")
-    if si == "m s-2":
+    if si in ("m s-2", DENSITY):
         words = re.sub(r"\bg\b", "g_0", words)
-    above, *below = (" * ".join(POWER.sub("**", part).split()) for part in words.split("/"))
+    words = words.replace("(m/s2)", "(m/s**2)").replace("^", "**")
+    parts = [words] if "(" in words else words.split("/")
+    above, *below = (" * ".join(POWER.sub("**", part).split()) for part in parts)
     wanted = " * ".join(POWER.sub("**", si).split()) if si != "1" else ""
     made = registry.Quantity(1.0, registry.parse_units("/".join([above, *below]) if below else above))
     return float(made.to(registry.parse_units(wanted)).magnitude)

@@ -101,7 +101,7 @@ def test_all_keys_with_units_are_found() -> None:
     assert {"Load.force", "MeshFile.scale", "OperatorFolder.limit", "End.point", "Gravity.acceleration"} <= found
     units = {unit_of(table.model_fields[name]) for _, table, name in CASES}
     assert units <= QUANTITIES.keys()
-    assert len(units) == 22
+    assert len(units) == 23
 
 
 @pytest.fixture(scope="module")
