@@ -181,7 +181,8 @@ class RandomVibration(Stored):
     ----------
     name, scene : of the scene, and its text. count, left_out : of windows that count, and that failed or did not
         converge. end : of a window, s. how : it was evaluated. frequency : (n,) of the spectra, Hz. signals : by name.
-    specified : rms of the acceleration of each base, by name, m s-2. linear : answer, None where there is none, and
+    specified : rms of the acceleration of each base, by name, m s-2. shifted : resonance, Hz, that time steps lower by
+        much beside its width, and by which part of it; None where there is none. linear : answer, None where there is none, and
         ``without`` why. marched : how, and cpu : (count,) seconds that each window took.
     """
 
@@ -194,6 +195,7 @@ class RandomVibration(Stored):
     frequency: Array
     signals: Mapping[str, SignalStatistics]
     specified: Mapping[str, float]
+    shifted: tuple[float, float] | None
     linear: LinearResponse | None
     without: str
     marched: str
@@ -220,6 +222,11 @@ class RandomVibration(Stored):
         made = [head, *self._base_lines()]
         if self.left_out:
             made.append(f"  {self.left_out} more windows failed or did not converge: the bands are without them")
+        if self.shifted is not None:
+            made.append(
+                f"  caution: time steps lower the resonance at {readable(self.shifted[0], 'Hz')} by "
+                f"{100.0 * self.shifted[1]:.2g} %, more than a quarter of its width: take smaller ones, time.step"
+            )
         if self.count < FEWEST:
             made.append(f"  peaks have bands from {FEWEST} windows on")
         made += ["", *aligned(self._rows()), ""]
@@ -278,7 +285,7 @@ class RandomVibration(Stored):
 
     def report(self) -> dict[str, Any]:
         """Plain data for strict JSON, in the units of the scene: number of ``windows``, ``left_out``, ``end`` and
-        ``duration`` (s) of a window, ``resolution`` (Hz), ``specified`` rms of each base, and ``signals``
+        ``duration`` (s) of a window, ``resolution`` (Hz), ``specified`` rms of each base, ``shifted`` resonance, and ``signals``
         (``SignalStatistics.report``)."""
         signals = {name: of.report() for name, of in self.signals.items()}
         for of in signals.values():
@@ -291,6 +298,7 @@ class RandomVibration(Stored):
             "duration": self.duration,
             "resolution": finite(self._resolution),
             "specified": dict(self.specified),
+            "shifted": None if self.shifted is None else {"frequency": self.shifted[0], "by": self.shifted[1]},
             "linear": self.without or "modes about the clamped state",
             "cpu": float(self.cpu.sum()),
             "signals": signals,
@@ -493,6 +501,7 @@ def _combined(
         frequency=frequencies(scene.time.time_step, how),
         signals=signals,
         specified={name: base.size * base.motion.density.rms for name, base in random_bases(scene).items()},
+        shifted=None if linear is None else linear.shifted(scene.time.time_step),
         linear=linear,
         without=without,
         marched=str(kept[0]["marched"]),

@@ -15,7 +15,7 @@ import latin_fmu
 from latin_fmu.building import without_scheme
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError
-from latin_fmu.modal.random_response import random_response
+from latin_fmu.modal.random_response import LinearResponse, random_response
 from latin_fmu.parametric.ensembles import mean_band, median_band, positive_band, rate_band
 from latin_fmu.parametric.point import Grid, Parameter, Plan, PointSolver
 from latin_fmu.parametric.random_figure import random_figure
@@ -109,7 +109,7 @@ def test_the_linear_answer_beside_miles_and_an_exact_integral() -> None:
 
 
 def test_windows_of_an_oscillator_have_the_rms_of_miles() -> None:
-    found = random_vibration(oscillator(), 24)
+    found = random_vibration(oscillator(time={"end": 1.0, "step": 2e-4}), 24)
     of = found.signals["mass.acceleration.z"]
     assert of.rms.low < of.linear.rms < of.rms.high  # type: ignore[union-attr]
     assert of.of_linear == pytest.approx(1.0, abs=0.05)
@@ -202,6 +202,32 @@ def test_crossings_of_windows_of_any_size_are_summed_up() -> None:
         assert (counts[k][np.abs(levels) > 1.05 * size] == 0).all()
     assert np.diff(levels) == pytest.approx(levels[1] - levels[0])
     assert 5.0 / np.sqrt(2.0) / 16.0 < levels[1] - levels[0] <= 5.0 / np.sqrt(2.0) / 8.0
+
+
+def test_resonances_that_steps_shift_are_named() -> None:
+    band, step = np.array([10.0, 450.0]), 8e-4
+    # the third is wide, the last one beyond the band
+    natural, ratio = np.array([50.0, 200.0, 400.0, 500.0]), np.array([0.02, 0.02, 0.2, 0.01])
+    response = LinearResponse(band, {}, natural, ratio)
+    assert response.shifted(1e-4) is None
+    assert LinearResponse(band, {}, natural[:0], ratio[:0]).shifted(step) is None
+    found = response.shifted(step)
+    assert found is not None
+    # steps of average acceleration, (I - h A / 2)^-1 (I + h A / 2), turn the state by less than omega h
+    omega = 2 * np.pi * 200.0
+    half = 0.5 * step * np.array([[0.0, 1.0], [-(omega**2), 0.0]])
+    turned = np.linalg.eigvals(np.linalg.solve(np.eye(2) - half, np.eye(2) + half))
+    exact = 1.0 - np.abs(np.angle(turned)).max() / (omega * step)
+    assert found == (200.0, pytest.approx(exact, rel=0.25))
+
+
+def test_a_study_with_coarse_steps_says_so() -> None:
+    fine = random_vibration(pressed(), 2)
+    coarse = random_vibration(pressed(time={"end": 0.2, "step": 4e-4, "start": {"type": "static"}}), 2)
+    assert (fine.shifted, fine.report()["shifted"]) == (None, None)
+    assert coarse.shifted is not None
+    assert any("caution: time steps lower the resonance at" in line for line in coarse.lines())
+    assert coarse.report()["shifted"] == {"frequency": coarse.shifted[0], "by": coarse.shifted[1]}
 
 
 def test_windows_that_are_too_short_are_refused() -> None:
