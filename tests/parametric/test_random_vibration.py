@@ -202,6 +202,15 @@ def test_crossings_of_windows_of_any_size_are_summed_up() -> None:
         assert (counts[k][np.abs(levels) > 1.05 * size] == 0).all()
     assert np.diff(levels) == pytest.approx(levels[1] - levels[0])
     assert 5.0 / np.sqrt(2.0) / 16.0 < levels[1] - levels[0] <= 5.0 / np.sqrt(2.0) / 8.0
+    # jumps over many levels, in windows whose levels are 1, 1/8 and 1/64 apart: each level by itself
+    rng = np.random.default_rng(3)
+    noises = [8.0 * size * rng.normal(size=len(time)) for size in (1.0, 0.125, 1.0 / 64.0)]
+    noises = [np.concatenate([[0.0], noise[1:]]) for noise in noises]
+    levels, counts = summed_crossings([WindowSignal.of(RunSignal("a.b", "m", "", x), time, how) for x in noises])
+    for x, row in zip(noises, counts, strict=True):
+        late = x[time >= how.begin]
+        counted = [int(((late[:-1] < level) & (late[1:] >= level)).sum()) for level in levels]
+        assert row.tolist() == counted
 
 
 def test_resonances_that_steps_shift_are_named() -> None:
