@@ -145,8 +145,10 @@ def _accelerations(vectors: dict[str, Array]) -> Writer:
         rows = []
         for body, vector in vectors.items():
             size = float(np.linalg.norm(vector))
-            rows.append((body, "GRAV", factor * size, *(vector / size).tolist()))
-        yield from card("DLOAD", _with_amplitude(amplitude), rows)
+            if size > 0.0:
+                rows.append((body, "GRAV", factor * size, *(vector / size).tolist()))
+        if rows:
+            yield from card("DLOAD", _with_amplitude(amplitude), rows)
 
     return write
 
