@@ -182,8 +182,8 @@ class RandomVibration(Stored):
     name, scene : of the scene, and its text. count, left_out : of windows that count, and that failed or did not
         converge. end : of a window, s. how : it was evaluated. frequency : (n,) of the spectra, Hz. signals : by name.
     specified : rms of the acceleration of each base, by name, m s-2. shifted : resonance, Hz, that time steps lower by
-        much beside its width, and by which part of it; None where there is none. linear : answer, None where there is none, and
-        ``without`` why. marched : how, and cpu : (count,) seconds that each window took.
+        much beside its width, and by which part of it; None where there is none. linear : answer, None where there is
+        none, and ``without`` why. marched : how, and cpu : (count,) seconds that each window took.
     """
 
     name: str
@@ -285,8 +285,8 @@ class RandomVibration(Stored):
 
     def report(self) -> dict[str, Any]:
         """Plain data for strict JSON, in the units of the scene: number of ``windows``, ``left_out``, ``end`` and
-        ``duration`` (s) of a window, ``resolution`` (Hz), ``specified`` rms of each base, ``shifted`` resonance, and ``signals``
-        (``SignalStatistics.report``)."""
+        ``duration`` (s) of a window, ``resolution`` (Hz), ``specified`` rms of each base, ``shifted`` resonance, and
+        ``signals`` (``SignalStatistics.report``)."""
         signals = {name: of.report() for name, of in self.signals.items()}
         for of in signals.values():
             of["unit"] = self.units.label(of["unit"])

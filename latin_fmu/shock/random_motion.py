@@ -51,7 +51,7 @@ class AccelerationDensity:
     --------
     >>> density = latin_fmu.AccelerationDensity.of([20.0, 80.0, 2000.0], [1.0, 4.0, 4.0])
     >>> density.at([40.0, 100.0, 3000.0]).round(6).tolist(), round(density.rms, 3)
-    ([2.0, 4.0, 0.0], 88.488)
+    ([2.0, 4.0, 0.0], 88.487)
     """
 
     frequency: Array
