@@ -108,6 +108,7 @@ def test_the_linear_answer_beside_miles_and_an_exact_integral() -> None:
     assert response.settled == pytest.approx(np.log(20.0) / slowest, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_windows_of_an_oscillator_have_the_rms_of_miles() -> None:
     found = random_vibration(oscillator(time={"end": 1.0, "step": 2e-4}), 24)
     of = found.signals["mass.acceleration.z"]
