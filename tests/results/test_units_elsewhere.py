@@ -104,6 +104,7 @@ def test_units_of_files_and_scenes_are_those_of_udunits() -> None:
     """Names of units beside files of numbers, and of values with units, as far as UDUNITS has them."""
     cf_units = pytest.importorskip("cf_units")
     words = {"%": "percent", "kip": "1000 lbf", "ksi": "1000 psi", "lb": "pound", "lbf in": "lbf inch"}
+    words["g^2/Hz"] = "gravity^2/Hz"
     for si, (_, names) in UNITS.items():
         for name in names if si != "GB" else ():  # a bel there
             read = cf_units.Unit(
