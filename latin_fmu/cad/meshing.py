@@ -32,11 +32,7 @@ CLAMPED: Final = 5.0
 """Edges along the radius of the part of a contact face that a screw presses."""
 _CONE: Final = 0.75, 0.5  # that radius: diameters of the shank (the head), and grips (a cone of some 30 degrees)
 # the radius inside which parts lift off each other, likewise, and edges there over those in the pressed part
-_RIM: Final = (
-    0.75,
-    1.2,
-    1.6,
-)  # the radius at whose inside parts lift off each other, likewise, and edges there over those
+_RIM: Final = 0.75, 1.2, 1.6
 _ALONG: Final = 1.6  # edges along the free shank of a screw, for its cut
 TURN: Final = 8
 """Edges around a shank and its holes."""

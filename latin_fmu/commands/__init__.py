@@ -242,6 +242,10 @@ LIMITED with ``--max-cpu``."""
 Json = Annotated[bool, Option("print JSON, and nothing else, on stdout")]
 Quiet = Annotated[bool, Option("no progress", flags="-q")]
 Strict = Annotated[bool, Option(f"exit code {REMARKED} if there are warnings; no other effect")]
+Jobs = Annotated[int | None, Option("processes, one thread each (default: as many as there are cores)", "N")]
+Scheduler = Annotated[
+    str | None, Option("solve on the workers of this dask scheduler (needs latin-fmu[cluster])", "ADDRESS")
+]
 """Options of several commands."""
 
 _TWICE: Final = (signal.SIGINT, signal.SIGTERM)  # of which a second one interrupts at once

@@ -6,7 +6,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from . import CONVERGED, NOT_CONVERGED, Json, OfScene, Quiet, Signals, check_netcdf, say, seconds, tell, tell_written
+from . import (
+    CONVERGED,
+    NOT_CONVERGED,
+    Jobs,
+    Json,
+    OfScene,
+    Quiet,
+    Scheduler,
+    Signals,
+    check_netcdf,
+    say,
+    seconds,
+    tell,
+    tell_written,
+)
 from .options import Option, command, handed
 
 _EXAMPLES = """\
@@ -39,10 +53,8 @@ class RandomOptions(OfScene):
     output: Annotated[
         Path | None, Option("file of the statistics (default: <name of the scene file>_random.nc here)", "OUT.nc", "-o")
     ] = None
-    jobs: Annotated[int | None, Option("processes, one thread each (default: as many as there are cores)", "N")] = None
-    scheduler: Annotated[
-        str | None, Option("solve on the workers of this dask scheduler (needs latin-fmu[cluster])", "ADDRESS")
-    ] = None
+    jobs: Jobs = None
+    scheduler: Scheduler = None
     max_cpu: Annotated[
         float | None,
         Option("limit in CPU seconds of a window; one that reaches it does not count", "SECONDS", read=seconds),

@@ -17,9 +17,11 @@ from . import (
     CONVERGED,
     LIMITED,
     NOT_CONVERGED,
+    Jobs,
     Json,
     OfScene,
     Quiet,
+    Scheduler,
     Signals,
     Waiting,
     json_lines,
@@ -112,10 +114,8 @@ class SweepOptions(OfScene):
             "file of the study (default: <name of the scene file>_study.nc in the current folder)", "STUDY.nc", "-o"
         ),
     ] = None
-    jobs: Annotated[int | None, Option("processes, one thread each (default: as many as there are cores)", "N")] = None
-    scheduler: Annotated[
-        str | None, Option("solve on the workers of this dask scheduler (needs latin-fmu[cluster])", "ADDRESS")
-    ] = None
+    jobs: Jobs = None
+    scheduler: Scheduler = None
     max_cpu: Annotated[
         float | None,
         Option("limit in CPU seconds of a point; a point that reaches it has not converged", "SECONDS", read=seconds),

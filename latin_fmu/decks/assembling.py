@@ -1,4 +1,4 @@
-"""The tables of a scene from what the cards of a deck have said: bodies, bolts, time, loads and motions."""
+"""The tables of a scene from the cards of a deck: bodies, bolts, time, loads and motions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..mesh_files.deck_model import HeldSet
 from ..mesh_files.deck_scene import axes_at, held_tables, set_named, with_model
 from ..scene.substructures import part_name
 from .histories import DeckHistory, DeckQuantity, DeckStep, Points, common_step, law_of, shifted, tidy
-from .translation import LEFT_OUT, Said, Translation
+from .translation import LEFT_OUT, CardUse, Translation
 
 _TIGHTENING: Final = ("bolt_force", "bolt_shift")
 _MOTIONS: Final = ("displacement", "velocity", "acceleration")
@@ -44,7 +44,7 @@ def add_bodies(deck: Translation, units_size: float) -> None:
             table["density"] = float(f"{modulus * units_size / _WAVE_SPEED**2:.4g}")
             place = next(card.place for card in deck.model.cards if card.name("NAME").upper() == name)
             text = f"without *DENSITY: {table['density']:g} is put in its place, nothing depends on it without inertia"
-            deck.said.append(Said(LEFT_OUT, "MATERIAL", place, text))
+            deck.uses.append(CardUse(LEFT_OUT, "MATERIAL", place, text))
         materials[part_name(spelled[name])] = table
     before = deck.tables.get("substructure", {})
     raw: dict[str, Any] = {
@@ -123,10 +123,10 @@ def _add_types(deck: Translation) -> None:
             text = f"{name}: integrated fully here, stiffer in bending and shear than its own rule"
             if re.fullmatch(r"C3D\d+[A-Z]*H", name):
                 text = f"{name}: a displacement element here, too stiff where the material is incompressible"
-            deck.said.append(Said(LEFT_OUT, "ELEMENT", place, text))
+            deck.uses.append(CardUse(LEFT_OUT, "ELEMENT", place, text))
         elif kind is not None:
             text = f"{name}: names faces of solids, without stiffness of its own"
-            deck.said.append(Said(LEFT_OUT, "ELEMENT", place, text))
+            deck.uses.append(CardUse(LEFT_OUT, "ELEMENT", place, text))
         else:
             what = "*ELEMENT: elements of this type are not computed"
             if not fills_volume(name):
@@ -176,7 +176,7 @@ def _join_shared(deck: Translation) -> None:
             name = deck.add("contact", f"{part}_{other}", search)
             place = next(card.place for card in deck.model.cards if card.keyword == "SOLID SECTION")
             text = f"{part} and {other} share nodes: bonded by [contact.{name}]"
-            deck.said.append(Said("used", "SOLID SECTION", place, text))
+            deck.uses.append(CardUse("used", "SOLID SECTION", place, text))
 
 
 # -- bolts ------------------------------------------------------------------------------------------------------------
@@ -232,7 +232,7 @@ def _tighten(deck: Translation, quantity: DeckQuantity, history: DeckHistory, si
 
 def _is_fixed(deck: Translation, bolt: str) -> bool:
     """Whether the deck fixes the length of a bolt after it was tightened."""
-    return any(said.keyword == "BOUNDARY" and f"[bolt.{bolt}]" in said.text for said in deck.said)
+    return any(use.keyword == "BOUNDARY" and f"[bolt.{bolt}]" in use.text for use in deck.uses)
 
 
 def _loads_set(deck: Translation, number: int) -> bool:

@@ -1,4 +1,4 @@
-"""What a scene becomes while it is written as a deck: numbers of its meshes, names, and what is said of each table.
+"""What a scene becomes while it is written as a deck: numbers of its meshes, names, and what becomes of each table.
 
 Every key of a scene that is not at its default is written, left out with its consequence, or refused.
 """
@@ -45,7 +45,7 @@ class DeckChoices:
 
 
 @dataclass(frozen=True)
-class ToldOfTable:
+class TableUse:
     """A line of the summary.
 
     Attributes
@@ -70,7 +70,7 @@ class DeckDraft:
     Attributes
     ----------
     ready : the scene on its meshes. mesh : with numbers. choices : see there. bonded : whether nodes of one number
-    stand for the interfaces. said : lines of the summary. problems : reasons why it is refused. surfaces : names by
+    stand for the interfaces. uses : lines of the summary. problems : reasons why it is refused. surfaces : names by
     face of the scene. pairs : slave and master surface by interface. bolts : numbers of the nodes of the sections.
     part_sets : sets of all nodes of a body. boundary_sets, sensor_sets : sets of nodes by their tables. more_nodes :
     number of the nodes that are of no mesh.
@@ -80,7 +80,7 @@ class DeckDraft:
     mesh: NumberedMesh
     choices: DeckChoices
     bonded: bool = False
-    said: list[ToldOfTable] = field(default_factory=list)
+    uses: list[TableUse] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
     surfaces: dict[str, str] = field(default_factory=dict)
     pairs: dict[str, tuple[str, str]] = field(default_factory=dict)
@@ -106,14 +106,14 @@ class DeckDraft:
         """Whether the motion starts from an equilibrium."""
         return self.inertia and self.scene.time.start.type == "static"
 
-    # -- what is said ------------------------------------------------------------------------------------------------
+    # -- what is used ------------------------------------------------------------------------------------------------
     def used(self, where: str, cards: str) -> None:
         """A table becomes cards."""
-        self.said.append(ToldOfTable(USED, where, cards))
+        self.uses.append(TableUse(USED, where, cards))
 
     def left_out(self, where: str, consequence: str) -> None:
         """A key is left out, with what that changes."""
-        self.said.append(ToldOfTable(LEFT_OUT, where, consequence))
+        self.uses.append(TableUse(LEFT_OUT, where, consequence))
 
     def refuse(self, where: str, what: str, value: Any = None, remedy: str | None = None) -> None:
         """A key without which the answer would be another one."""

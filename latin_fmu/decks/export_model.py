@@ -73,7 +73,7 @@ def material_cards(deck: DeckDraft) -> Iterator[str]:
         yield from card("SOLID SECTION", section)
     for name, body in bodies.items():
         if body.rigid:
-            # a node of its own, which CalculiX asks for
+            # a node of its own, which CalculiX requires
             number = deck.new_node()
             yield from node_card(body.rigid_motions.centre[None], np.array([number]))
             yield from card("RIGID BODY", {"ELSET": name, "REF NODE": number})

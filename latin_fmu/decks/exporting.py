@@ -13,7 +13,7 @@ from ..fem.mesh import Index
 from ..scene.schema import Scene
 from .card_text import card
 from .deck_mesh import NumberedMesh
-from .export_draft import DeckChoices, DeckDraft, ToldOfTable
+from .export_draft import DeckChoices, DeckDraft, TableUse
 from .export_keys import check_keys
 from .export_model import bolt_cards, initial_cards, interface_cards, material_cards, mesh_cards
 from .export_steps import DeckPlan, amplitude_cards, has_steps_before, load_sets, sensor_cards, step_cards
@@ -31,14 +31,14 @@ class ExportedDeck:
 
     Attributes
     ----------
-    model : cards before the steps, a text. steps : the steps. said : a line for each table and each key left out.
+    model : cards before the steps, a text. steps : the steps. uses : a line for each table and each key left out.
     nodes : numbers (n_node,) of the nodes of each body. pairs : slave and master surface by interface. bolts : number
     of the node of each section.
     """
 
     model: str
     steps: str
-    said: tuple[ToldOfTable, ...]
+    uses: tuple[TableUse, ...]
     nodes: Mapping[str, Index]
     pairs: Mapping[str, tuple[str, str]]
     bolts: Mapping[str, int]
@@ -50,7 +50,7 @@ class ExportedDeck:
 
     def summary(self) -> list[str]:
         """Lines for a user: what is used, then what is left out and what that changes."""
-        late = sorted(self.said, key=lambda one: one.verdict == LEFT_OUT)
+        late = sorted(self.uses, key=lambda one: one.verdict == LEFT_OUT)
         return list(dict.fromkeys(one.line for one in late))
 
 
@@ -95,9 +95,9 @@ def export_deck(
     steps = list(step_cards(deck, plan))
     if deck.problems:
         raise InputError(deck.problems, _HEADING)
-    head = [*_heading(deck), *(f"** {one.line}" for one in deck.said if one.verdict == LEFT_OUT)]
+    head = [*_heading(deck), *(f"** {one.line}" for one in deck.uses if one.verdict == LEFT_OUT)]
     model_text, step_text = ("\n".join(part) + "\n" for part in ([*head, *lines], steps))
-    return ExportedDeck(model_text, step_text, tuple(deck.said), deck.mesh.nodes, dict(deck.pairs), dict(deck.bolts))
+    return ExportedDeck(model_text, step_text, tuple(deck.uses), deck.mesh.nodes, dict(deck.pairs), dict(deck.bolts))
 
 
 def _check(deck: DeckDraft) -> None:

@@ -21,7 +21,7 @@ from .assembling import add_bodies, add_bolts, add_loads, add_time
 from .cards import translate
 from .print_cards import DeckPrints, prints_of
 from .step_cards import steps_of
-from .translation import LEFT_OUT, USED, Said, Translation
+from .translation import LEFT_OUT, USED, CardUse, Translation
 from .units import UnitsOption, units_of
 
 _ORDER: Final = (
@@ -41,13 +41,13 @@ class ImportedDeck:
 
     Attributes
     ----------
-    tables : the scene, of the shape of its file. said : a line for each card. units : the sentence on units. prints :
+    tables : the scene, of the shape of its file. uses : a line for each card. units : the sentence on units. prints :
     what the deck prints of a run.
     """
 
     deck: str
     tables: Mapping[str, Any]
-    said: tuple[Said, ...]
+    uses: tuple[CardUse, ...]
     units: str
     prints: DeckPrints
 
@@ -65,12 +65,12 @@ class ImportedDeck:
         """One line for all cards of one keyword that become the same."""
         for verdict, title in ((USED, "used"), (LEFT_OUT, "left out")):
             grouped: dict[tuple[str, str], dict[str, None]] = {}
-            for said in self.said:
-                if said.verdict == verdict:
-                    place = str(said.place.line)
-                    if said.place.where != self.deck:
-                        place = f"{said.place.line} of {said.place.where.removeprefix(self.deck + ', in ')}"
-                    grouped.setdefault((said.keyword, said.text), {})[place] = None
+            for use in self.uses:
+                if use.verdict == verdict:
+                    place = str(use.place.line)
+                    if use.place.where != self.deck:
+                        place = f"{use.place.line} of {use.place.where.removeprefix(self.deck + ', in ')}"
+                    grouped.setdefault((use.keyword, use.text), {})[place] = None
             for (keyword, text), places in grouped.items():
                 yield f"{title}: *{keyword} ({_placed(list(places))}): {text}"
 
@@ -141,7 +141,7 @@ def import_deck(path: str | Path, folder: str | Path | None = None, units: Units
     deck.tables["mesh"] = {part_name(file.stem): mesh}
     tables = {"name": part_name(file.stem), **_head(deck), "units": system}
     tables |= {key: deck.tables[key] for key in _ORDER if deck.tables.get(key)}
-    return ImportedDeck(file.name, tables, tuple(deck.said), sentence, prints_of(deck, axis.origin))
+    return ImportedDeck(file.name, tables, tuple(deck.uses), sentence, prints_of(deck, axis.origin))
 
 
 def _head(deck: Translation) -> dict[str, Any]:

@@ -32,7 +32,7 @@ _DYNAMIC: Final = ("SOLVER", "DIRECT", "ALPHA", "EXPLICIT", "RELATIVE TO ABSOLUT
 
 # -- steps ------------------------------------------------------------------------------------------------------------
 def steps_of(cards: Sequence[Card]) -> list[DeckStep]:
-    """The steps of a deck, in order, each with its procedure and times; what is wrong with them is said later."""
+    """The steps of a deck, in order, each with its procedure and times; what is wrong with them is reported later."""
     steps: list[DeckStep] = []
     start = 0.0
     for card in cards:

@@ -1,6 +1,6 @@
-"""What a deck becomes while its cards are read: tables of a scene, loads and motions over its steps, and what is said.
+"""What a deck becomes while its cards are read: tables of a scene, loads and motions over its steps, uses of cards.
 
-Every card is used, left out with its consequence, or refused with its line: each of its translators says one of these.
+Every card is used, left out with its consequence, or refused with its line: each of its translators records one of these.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LEFT_OUT: Final = "left out"
 
 
 @dataclass(frozen=True)
-class Said:
+class CardUse:
     """A line of the summary.
 
     Attributes
@@ -73,7 +73,7 @@ class Translation:
     Attributes
     ----------
     content : mesh, names and cards of the deck. parts : names of substructures by volume group. steps : of the deck, in
-    order. problems : reasons why it is refused. said : lines of the summary. tables : of the scene, by kind and name.
+    order. problems : reasons why it is refused. uses : lines of the summary. tables : of the scene, by kind and name.
     material_keys : constants of materials, in capitals, that the mesh reader does not take. histories : of loads and
     motions. amplitudes, interactions : by name in capitals. bolts : by the number of their node. initial : temperature
     by node set. prints : requests by step that makes them. frequencies : of output by step. single : node sets that
@@ -86,7 +86,7 @@ class Translation:
     parts: Mapping[str, str]
     steps: list[DeckStep]
     problems: list[Problem] = field(default_factory=list)
-    said: list[Said] = field(default_factory=list)
+    uses: list[CardUse] = field(default_factory=list)
     tables: dict[str, dict[str, Any]] = field(default_factory=dict)
     material_keys: dict[str, dict[str, Any]] = field(default_factory=dict)
     histories: dict[DeckQuantity, DeckHistory] = field(default_factory=dict)
@@ -127,14 +127,14 @@ class Translation:
         """The step that is being read; None before the first."""
         return self.steps[self.number - 1] if self.number else None
 
-    # -- what is said --------------------------------------------------------------------------------------------
+    # -- what is used --------------------------------------------------------------------------------------------
     def used(self, card: Card, text: str) -> None:
         """A card becomes a part of the scene."""
-        self.said.append(Said(USED, card.keyword, card.place, text))
+        self.uses.append(CardUse(USED, card.keyword, card.place, text))
 
     def left_out(self, card: Card, consequence: str) -> None:
         """A card is left out, with what that changes."""
-        self.said.append(Said(LEFT_OUT, card.keyword, card.place, consequence))
+        self.uses.append(CardUse(LEFT_OUT, card.keyword, card.place, consequence))
 
     def refuse(
         self, card: Card, what: str, value: str | None = None, remedy: str | None = None, row: int | None = None

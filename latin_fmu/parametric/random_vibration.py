@@ -482,8 +482,8 @@ def _combined(
     """
     kept = [record for record in records if record["state"] == CONVERGED and WINDOW in record]
     if len(kept) < 2:
-        said = next((f": {record['message']}" for record in records if record["state"] != CONVERGED), "")
-        raise SolverError(f"{len(kept)} of {len(records)} windows have converged, bands take two at least{said}")
+        reason = next((f": {record['message']}" for record in records if record["state"] != CONVERGED), "")
+        raise SolverError(f"{len(kept)} of {len(records)} windows have converged, bands take two at least{reason}")
     by_name: dict[str, list[WindowSignal]] = {}
     for record in kept:
         for plain in record[WINDOW]:

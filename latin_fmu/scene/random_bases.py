@@ -125,11 +125,11 @@ def random_lines(scene: Any) -> Iterator[str]:
         of = ("acceleration", "velocity", "displacement")
         found = {key: size * float(np.std(getattr(motion, key)(time)[stationary])) for key in of}
         specified = readable(size * motion.density.rms, units.shown("m s-2"))
-        said = ", ".join(
+        levels = ", ".join(
             f"{key} {readable(found[key], units.shown(unit))}"
             for key, unit in zip(of, ("m s-2", "m s-1", "m"), strict=True)
         )
         first, last = motion.density.ends
         what = f"{first:g} to {last:g} Hz, {specified} rms, seed {law.seed}, window {law.window}"
         words = ", ".join(word for word in (law.read_as, what) if word)
-        yield f"  random vibration boundary.{name}.law: {words}; rms from {motion.faded:.3g} s on: {said}"
+        yield f"  random vibration boundary.{name}.law: {words}; rms from {motion.faded:.3g} s on: {levels}"

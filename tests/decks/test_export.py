@@ -265,7 +265,7 @@ def test_bolts_of_several_orders_are_tightened_one_after_the_other(tmp_path: Pat
     assert "*DYNAMIC" in steps[2]
 
 
-# -- what is said -----------------------------------------------------------------------------------------------------
+# -- what is used -----------------------------------------------------------------------------------------------------
 def test_every_key_of_a_scene_is_decided() -> None:
     """Written, left out or refused: a new key of a table needs a row."""
     tables = {name: field.annotation for name, field in Scene.model_fields.items() if name in KEYS and name != "output"}
