@@ -1,8 +1,8 @@
 """Hierarchical dofs of contact faces of second order beside the values at their nodes; needs gmsh.
 
-The bracket of ``tests.cad.assemblies`` is meshed by ``latin-fmu mesh`` with at most so many unknowns of contacts, and its
-first three modes are computed, tightening included, with either kind of dofs in turn (CPU seconds of one thread, median).
-The frequencies must be the same.
+The bracket of ``tests.cad.assemblies`` is meshed by ``latin-fmu mesh`` with at most so many unknowns of contacts. Its
+first three modes are computed, tightening included, with either kind of dofs in turn: CPU seconds, median. The
+frequencies must be the same.
 
     OMP_NUM_THREADS=1 python examples/benchmarks/contact_dofs.py [--contacts N] [--rounds N]
 """
@@ -32,7 +32,8 @@ _SAME = 1e-7  # of a frequency
 def meshed(folder: Path, contacts: int) -> tuple[Path, str]:
     """Scene of the bracket, and the number of its unknowns of contacts."""
     step = folder / "bracket.step"
-    subprocess.run([sys.executable, "-m", "tests.cad.assemblies", "bracket", str(step)], check=True, cwd=ROOT)
+    drawn = [sys.executable, "-m", "tests.cad.assemblies", "bracket", str(step)]
+    subprocess.run(drawn, check=True, cwd=ROOT, capture_output=True)
     command = [sys.executable, "-m", "latin_fmu", "mesh", str(step), "-o", str(folder / "bracket")]
     command += ["--contacts", str(contacts)]
     printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout

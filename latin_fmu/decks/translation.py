@@ -1,6 +1,6 @@
 """What a deck becomes while its cards are read: tables of a scene, loads and motions over its steps, uses of cards.
 
-Every card is used, left out with its consequence, or refused with its line: each of its translators records one of these.
+Every card is used, left out with its consequence, or refused with its line: each translator records one of these.
 """
 
 from __future__ import annotations
