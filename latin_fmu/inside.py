@@ -49,7 +49,7 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "compiled": ("PLAIN", "compiled_run", "hosted_run", "libraries", "library"),
         "compiled.library": ("suffix", "target"),
         "effects.cost": ("Prediction", "amount", "memory_need"),
-        "effects.explanation": ("Explanation", "explain"),
+        "effects.explanation": ("WORTH", "Explanation", "explain"),
         "effects.scene_effects": ("scene_with",),
         "fem.elements": ("rigid_modes",),
         "fem.mesh": ("Array", "FacetSet", "Index", "Mesh", "boundary", "box_mesh", "cell_blocks", "nearest"),

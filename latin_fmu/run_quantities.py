@@ -233,7 +233,7 @@ def measure_solution(scene: Scene, solution: Solution) -> Quantities:
         band = band_of(scene, scene.sensor[name], spectrum)
         add_sensor(quantities, solution.time, history, end, band)
     for bolt in solution.bolts.values():
-        quantities.add_record(BOLT, bolt.name, BoltRecord.of(bolt, solution.time, end))
+        quantities.add_record(BOLT, bolt.name, BoltRecord.of(bolt, solution.time, end, solution.interfaces))
     return quantities
 
 

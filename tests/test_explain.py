@@ -180,10 +180,32 @@ def suggested(scene: dict[str, Any], word: str) -> bool:
 
 def test_tiny_friction_is_noticed() -> None:
     scene = tables()
+    for body in scene["substructure"].values():
+        body["box"]["elements"] = [10, 10, 1]
+    scene["time"] |= {"instants": 2000}
     scene["interface"]["meet"]["friction_coefficient"] = 1e-4
     assert suggested(scene, "friction with mu")
     scene["interface"]["meet"]["friction_coefficient"] = 0.1
     assert not suggested(scene, "friction with mu")
+
+
+def test_what_saves_less_than_a_tenth_is_not_suggested() -> None:
+    """Friction that changes nothing, in a scene whose time goes elsewhere."""
+    scene = tables()
+    scene["interface"]["meet"]["friction_coefficient"] = 1e-4
+    assert not suggested(scene, "friction with mu")
+
+
+def test_shares_of_time_add_up_to_one_at_most() -> None:
+    """Leaving one effect out may save what another one needs, too."""
+    scene = tables()
+    scene["interface"]["meet"]["friction_coefficient"] = 0.1
+    scene["output"] = {"energy": True, "stress": True}
+    found = explained(scene)
+    alone = sum(e.cost for e in found.effects if e.on) / found.prediction["cpu_seconds_instant"]
+    shares = sum(e["share_of_time"] for e in found.report()["effects"])
+    assert shares == pytest.approx(min(alone, 1.0), abs=0.01)
+    assert shares <= 1.001
 
 
 def test_a_gap_that_cannot_close_is_noticed() -> None:
@@ -213,6 +235,7 @@ def test_factors_in_single_precision_are_suggested_for_large_parts() -> None:
 
 def test_what_could_be_rigid_is_noticed() -> None:
     scene = tables()
+    scene["time"] |= {"instants": 2000}
     assert not suggested(scene, "as a rigid body")
     scene["material"]["rubber"] = {"young_modulus": 1e3, "poisson_ratio": 0.3, "density": 1000.0}
     scene["substructure"]["b"]["material"] = "rubber"
@@ -233,6 +256,7 @@ def test_costly_output_is_noticed() -> None:
     scene = tables()
     for body in scene["substructure"].values():
         body["box"]["elements"] = [5, 5, 10]
+    scene["time"] |= {"instants": 2000}
     for key, name in (("stress", "stress"), ("fields", "interior history")):
         scene["output"] = {key: True}
         assert suggested(scene, f"{name} takes")

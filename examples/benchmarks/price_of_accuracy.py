@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     cases = []
     for model in models:
         scene = latin_fmu.load_scene(tools.MODELS / model / "scene.toml", BARE)
-        found = study(scene, budget, lambda _: None)
+        found = study(scene, budget, lambda _: None, methods=True)
         for quantity in QUANTITIES[model]:
             for target in targets:
                 cases.append(compared(model, found, quantity, target))

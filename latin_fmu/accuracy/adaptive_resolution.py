@@ -23,6 +23,7 @@ from ..scene.readable_numbers import percent
 from ..scene.schema import Scene
 from ..scene.settings import Output
 from .estimate import FACETED, quantity_estimate
+from .price_list import MARGIN
 from .runs import (
     FEWEST_STEPS,
     Log,
@@ -49,7 +50,6 @@ impact bar: 1.1 % off at 1.5, 0.51 % at 0.75, 0.56 % at 0.4)."""
 _LOOSEST, _TIGHTEST = 1e-2, 1e-9  # tolerances
 _STRICT = 1e-5  # tolerance below which a run that does not converge is not repeated with a tenth of it
 _FIRST_FACTORS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)  # the search starts at the first with a coarser run
-_MARGIN = 0.88  # of the target
 _LARGEST_REFINEMENT, _LARGEST_COST_RATIO = 3.0, 25.0  # of the next run: limits of the extrapolation
 _NEARLY_TWICE = 1.7
 _NEAR = 0.25  # relative difference from the half, or the quarter, of a factor
@@ -344,12 +344,8 @@ class _Search:
         limits of the extrapolation; twice the factor where that is little more, because the runs so far are then its
         coarser runs. Measured times are not used: the search is reproducible.
         """
-        # an order out of this range is that of changes that cancel; NaN compares as out of it
-        if 0.3 <= estimate.order <= 2.0:
-            order = estimate.order
-        else:
-            order = estimate.expected_order
-        refinement = max((estimate.error / (_MARGIN * self.target)) ** (1.0 / order), _LEAST_REFINEMENT)
+        order = estimate.likely_order
+        refinement = max((estimate.error / (MARGIN * self.target)) ** (1.0 / order), _LEAST_REFINEMENT)
         # cost ~ factor^(1 + exponent), as the steps are refined with the mesh
         longest = min(_LARGEST_REFINEMENT, _LARGEST_COST_RATIO ** (1.0 / (1.0 + cost_exponent(self.scene))))
         new = factor * min(refinement, longest)
@@ -397,7 +393,7 @@ class _Search:
         """Why a run would take too much time or memory, else an empty string; its predicted time is logged."""
         if not self.sequence.runs:
             return ""
-        seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
+        seconds = RunTimeFit.of(self.scene, [run.cost for run in self.sequence.runs]).seconds(at.mesh, at.time)
         budget = self.limit - self.sequence.seconds
         if seconds > budget:
             used = f"of the limit of {self.limit:g} s for all runs {max(budget, 0.0):.2g} s are left"

@@ -30,9 +30,11 @@ from ..scene.boundaries import AXES
 from ..scene.fields import split_face
 from ..scene.quantity_table import VELOCITY_RMS, QuantityOfInterest, definition_of
 from ..scene.schema import Scene
+from .price_list import PricedRuns, priced, split_of
 from .runs import (
     FEWEST_STEPS,
     Resolution,
+    RunCost,
     aligned,
     coarsens_mesh,
     cost_exponent,
@@ -406,8 +408,13 @@ def estimate_error(
     remarks = list(plan.remarks)
     coarser: dict[str, Quantities] = {}
     lean = in_short_windows(scene, solution.outcome.settings.get("time scheme"))
-    shares = _Shares(scene, list(plan.by_name().values()), report)
-    for name, resolution in plan.by_name().items():
+    resolutions = plan.by_name()
+    split = split_of(scene, plan.half) if plan.quarter is not None else None
+    if split is not None:
+        resolutions["split"] = split
+    costs = [RunCost.of(Resolution(), solution.timings)]
+    shares = _Shares(scene, list(resolutions.values()), report)
+    for name, resolution in resolutions.items():
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if log is not None:
             log(f"error estimate: {text}")
@@ -425,6 +432,7 @@ def estimate_error(
             continue
         if run.converged:
             coarser[name] = run.quantities
+            costs.append(run.cost)
         else:
             remarks.append(f"a coarser run ({text}) did not converge: {run.status}")
     fine = measure_solution(scene, solution)
@@ -434,8 +442,12 @@ def estimate_error(
     if not solution.converged:
         remarks.append("the run did not converge: the estimate does not include its iteration error")
     estimates = plan.estimates(lean, fine, coarser)
-    spectra = spectrum_errors(fine, coarser["half"], 1.0 / plan.half.time) if "half" in coarser else {}
-    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
+    if "half" not in coarser:
+        return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start)
+    spectra = spectrum_errors(fine, coarser["half"], 1.0 / plan.half.time)
+    estimate = ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
+    measured = PricedRuns(fine, coarser["half"], coarser.get("split"), costs, solution.timings)
+    return priced(lean, estimate, measured)
 
 
 def estimate_by_modes(scene: Scene, solution: Solution, truncation: TruncationError) -> ErrorEstimate:
@@ -445,7 +457,10 @@ def estimate_by_modes(scene: Scene, solution: Solution, truncation: TruncationEr
     half = measure_solution(scene, replace(solution, outcome=truncation.coarse))
     estimates = plan.estimates(scene, fine, {"half": half})
     remarks = *plan.remarks, *band_remarks(scene, solution, list(solution.sensors))
-    return ErrorEstimate(estimates, remarks, 0.0, spectrum_errors(fine, half, 2.0))
+    estimate = ErrorEstimate(estimates, remarks, 0.0, spectrum_errors(fine, half, 2.0))
+    # the second march stands for the first in its costs: it has no timings of its own
+    costs = [RunCost.of(Resolution(), solution.timings)]
+    return priced(scene, estimate, PricedRuns(fine, half, None, costs, solution.timings))
 
 
 def band_remarks(scene: Scene, solution: Solution, sensors: Sequence[str]) -> list[str]:

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
+from ..effects.explanation import WORTH
 from ..effects.scene_effects import scene_with
 from ..errors import InputError, LatinError
 from ..interface.laws import SEPARATION, SLIP
@@ -33,8 +34,7 @@ from ..scene.readable_numbers import aligned
 from ..scene.schema import Scene, with_settings
 from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_factor, message_of
 
-CHEAPER: Final = 0.05
-"""Share of the CPU time of a run that a suggested change saves at least."""
+CHEAPER: Final = WORTH
 SMALL: Final = 0.01
 """Largest relative change of the results by a suggested change."""
 LONG: Final = 60.0

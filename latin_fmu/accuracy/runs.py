@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -191,6 +191,23 @@ def _jumps(scene: Scene) -> list[float]:
 
 
 @dataclass(frozen=True)
+class RunCost:
+    """Measured cost of a run: CPU seconds of the set-up, and of all that is done at every time step.
+
+    ``at`` : its resolution.
+    """
+
+    at: Resolution
+    setup: float
+    steps: float
+
+    @classmethod
+    def of(cls, at: Resolution, timings: Timings) -> RunCost:
+        """From the CPU seconds by part of a run."""
+        return cls(at, timings.setup, timings.march + timings.other)
+
+
+@dataclass(frozen=True)
 class MeasuredRun:
     """Quantities and cost of a run; NaN and no quantities where it was not made.
 
@@ -213,6 +230,12 @@ class MeasuredRun:
     passes: float = math.nan
     time: Array = field(default_factory=lambda: np.zeros(0))
     sensors: Mapping[str, SensorHistory] = field(default_factory=dict)
+    by_modes: bool = False
+
+    @property
+    def cost(self) -> RunCost:
+        """CPU seconds by part."""
+        return RunCost.of(self.resolution, self.timings)
 
 
 def run_at(scene: Scene, resolution: Resolution, **options: Any) -> MeasuredRun:
@@ -253,6 +276,7 @@ def solved(scene: Scene, lean: Scene, resolution: Resolution, **options: Any) ->
         passes=solution.passes,
         time=solution.time,
         sensors=solution.sensors,
+        by_modes="propagator" in solution.outcome.settings,
     )
     return run, solution
 
@@ -269,40 +293,69 @@ def message_of(error: LatinError) -> str:
 
 @dataclass(frozen=True)
 class RunTimeFit:
-    """CPU seconds of a run at another resolution: fixed + rate x mesh^exponent x steps, fitted to measured runs."""
+    """CPU seconds of a run at another resolution, fitted to measured runs: with m elements per length and n steps over
+    those of the scene
 
-    fixed: float
-    rate: float
+        a + b m^s + (c + d m^e) n
+
+    of the set-up, and of the steps. The exponents are ``setup_exponent`` and ``cost_exponent``.
+    """
+
+    setup: tuple[float, float]
+    step: tuple[float, float]
+    setup_exponent: float
     exponent: float
 
     @classmethod
-    def of(cls, scene: Scene, runs: list[MeasuredRun]) -> RunTimeFit:
+    def of(cls, scene: Scene, runs: Sequence[RunCost]) -> RunTimeFit:
         """Fit to the largest and the cheapest of runs at different resolutions (at least one).
 
         The first run of a process includes the time to load kernels, so the smallest may not be the cheapest.
         """
-        exponent = cost_exponent(scene)
-        work = [r.resolution.mesh**exponent * r.resolution.time for r in runs]
-        large = max(range(len(runs)), key=work.__getitem__)
-        cheap = min(range(len(runs)), key=lambda i: runs[i].cpu)
-        if work[cheap] == work[large]:
-            return cls(0.0, runs[large].cpu / work[large], exponent)
-        # cpu = fixed + rate work through both points
-        rate = (runs[large].cpu - runs[cheap].cpu) / (work[large] - work[cheap])
-        return cls(max(runs[cheap].cpu - rate * work[cheap], 0.0), rate, exponent)
+        s, e = setup_exponent(scene), cost_exponent(scene)
+        large = max(runs, key=lambda run: run.at.mesh**e * run.at.time)
+        cheap = min(runs, key=lambda run: run.setup + run.steps)
+        meshes = large.at.mesh, cheap.at.mesh
+        setup = _line(meshes, (large.setup, cheap.setup), s)
+        return cls(setup, _line(meshes, (large.steps / large.at.time, cheap.steps / cheap.at.time), e), s, e)
 
     def seconds(self, mesh: float, time: float) -> float:
         """Predicted CPU seconds at a resolution."""
-        return float(self.fixed + self.rate * mesh**self.exponent * time)
+        (a, b), (c, d) = self.setup, self.step
+        return float(a + b * mesh**self.setup_exponent + (c + d * mesh**self.exponent) * time)
+
+
+def _line(meshes: tuple[float, float], costs: tuple[float, float], exponent: float) -> tuple[float, float]:
+    """The terms a, b >= 0 of a + b m^exponent through the cost at the first mesh, and as near as may be at the other:
+    the first alone counts where both are equal."""
+    fine, coarse = (m**exponent for m in meshes)
+    if fine > coarse:
+        slope = max(costs[0] - costs[1], 0.0) / (fine - coarse)
+        return max(costs[0] - slope * fine, 0.0), min(slope, costs[0] / fine)
+    return 0.0, costs[0] / fine
+
+
+_DIMENSIONS: Final = (0.0, 1.0, 2.4, 4.0)
+_SETUPS: Final = (0.0, 1.0, 2.4, 3.5)
 
 
 def cost_exponent(scene: Scene) -> float:
     """Growth of the cost of a step with the number of elements along an edge: solves with banded factors in bars,
     about n^1.2 for the n nodes of plates and n^(4/3) of solids."""
+    return _DIMENSIONS[_directions(scene)]
+
+
+def setup_exponent(scene: Scene) -> float:
+    """Growth of the cost of the set-up with the number of elements along an edge: factors in bars, about n^1.2 for the
+    n nodes of plates and solids of up to some 100,000 unknowns, between n of the assembly and n^2 of the factors."""
+    return _SETUPS[_directions(scene)]
+
+
+def _directions(scene: Scene) -> int:
+    """Number of axes along which boxes have several elements; 3 with a mesh from a file."""
     if mesh_files(scene):
-        return 4.0
-    directions = {i for b in scene.substructure.values() if b.box for i, n in enumerate(b.box.elements) if n > 1}
-    return (0.0, 1.0, 2.4, 4.0)[len(directions)]
+        return 3
+    return len({i for b in scene.substructure.values() if b.box for i, n in enumerate(b.box.elements) if n > 1})
 
 
 def memory_at(scene: Scene, at: Resolution) -> float:

@@ -13,6 +13,7 @@ import math
 import tempfile
 import time as clock
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -28,11 +29,9 @@ from ..results.solution import Solution
 from ..run_quantities import Quantities, measure_solution, of_force, relative
 from ..scene.describe import tables_in, tag_of
 from ..scene.quantity_table import FLOOR
-from ..scene.readable_numbers import aligned as columns
-from ..scene.readable_numbers import percent
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
-from .adaptive_resolution import choose, is_target
+from .adaptive_resolution import choose
 from .estimate import coarser_runs_of, estimate_error, observed_order, same_way
 from .runs import (
     Log,
@@ -161,9 +160,13 @@ def main_variant(scene: Scene) -> Variant:
     return Variant(_name(short), short)
 
 
-def unreduced(scene: Scene) -> Variant | None:
-    """The scene without reduced substructures, otherwise unchanged; None where nothing is reduced."""
-    if scene.solver.propagator.type != "reduced":
+def unreduced(scene: Scene, runs: Sequence[MeasuredRun] = ()) -> Variant | None:
+    """The scene without modes of substructures or of the assembly, otherwise unchanged; None where nothing is reduced.
+
+    runs : of the scene, which leaves the choice of modes to the program.
+    """
+    by_choice = any(run.by_modes for run in runs)
+    if scene.solver.propagator.type not in ("reduced", "modal") and not by_choice:
         return None
     direct = changed(in_short_windows(scene), {"solver": {"propagator": "direct"}})
     return Variant(_name(direct), direct)
@@ -343,6 +346,8 @@ REDUCTION = "reduction"
 WINDOWS = "windows"
 REFERENCE = "reference"
 """Series of runs."""
+WAYS: Final = {TOGETHER: "finer mesh and shorter steps", SPACE: "finer mesh", TIME: "shorter steps"}
+"""Series that refine a scene, in words."""
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4)
 TIGHT = 1e-6
@@ -425,12 +430,15 @@ class Study:
         return [q for q in self.reference.quantities.values if q in measured]
 
 
-def study(scene: Scene, budget: float, log: Log) -> Study:
+def study(scene: Scene, budget: float, log: Log, methods: bool = False) -> Study:
     """Run the study of a scene in about ``budget`` CPU seconds.
 
-    Mesh and step together for every scheme and propagator; mesh alone, step alone and tolerance for the scene's own,
-    and where it is reduced, the same without reduction; windows and search directions on a coarse mesh. The reference
-    is declared with the model, else it is the finest run that a third of the budget allows.
+    Mesh and step together, mesh alone, step alone, and a tight tolerance; where substructures or the assembly are
+    reduced to modes, the same run without. The reference is declared with the model, else it is the finest run that a
+    third of the budget allows.
+
+    methods : also every other scheme and propagator, tolerances on several meshes, windows and search directions on a
+        coarse mesh, and searches for an accuracy.
 
     Raises
     ------
@@ -448,31 +456,41 @@ def study(scene: Scene, budget: float, log: Log) -> Study:
     for f in (f for f in factors if f > 1.0):
         # of the budget: a reference of its own has to be finer than all others
         share = 0.35 if reference is None else 0.15
-        if runs and RunTimeFit.of(scene, runs[-2:]).seconds(f, f) < share * budget:
+        costs = [run.cost for run in runs[-2:]]
+        if costs and RunTimeFit.of(scene, costs).seconds(f, f) < share * budget:
             run = study_runs.run(TOGETHER, main, _at(scene, f), save=True)
             runs += [] if run is None else [run]
     result = Study(scene, main.name, reference or finest_reference(scene, study_runs, main, runs))
-    _refine_separately(scene, study_runs, main)
-    if (whole := unreduced(scene)) is not None:
+    _refine_separately(scene, study_runs, main, runs)
+    if (whole := unreduced(scene, runs)) is not None:
         study_runs.run(REDUCTION, whole, _at(scene, 1.0))
-    _refine_others(scene, study_runs, factors)
-    _vary_windows(scene, study_runs, result)
-    result.searches = _searched(scene, budget, log)
+    if methods:
+        _refine_tolerances(scene, study_runs, main)
+        _refine_others(scene, study_runs, factors)
+        _vary_windows(scene, study_runs, result)
+        result.searches = _searched(scene, budget, log)
+    else:
+        result.searches = _as_written(scene)
     result.rows, result.seconds = study_runs.rows, study_runs.spent + sum(search.cpu for search in result.searches)
     return result
 
 
-def _searched(scene: Scene, budget: float, log: Log) -> list[Searched]:
-    """The run as written with its estimate, and searches for ever smaller errors of the target quantity, until one is
-    refused; each may take a tenth of the budget."""
-    results = []
+def _as_written(scene: Scene) -> list[Searched]:
+    """The run as written with its estimate; none where it fails."""
     with contextlib.suppress(LatinError):
         start = clock.process_time()
         solution = solve(scene)
         solution = replace(solution, estimate=estimate_error(scene, solution))
         if solution.converged:
-            cpu = clock.process_time() - start
-            results.append(Searched.of(None, True, cpu, Resolution(), scene, solution))
+            return [Searched.of(None, True, clock.process_time() - start, Resolution(), scene, solution)]
+    return []
+
+
+def _searched(scene: Scene, budget: float, log: Log) -> list[Searched]:
+    """The run as written with its estimate, and searches for ever smaller errors of the target quantity, until one is
+    refused; each may take a tenth of the budget."""
+    results = _as_written(scene)
+    with contextlib.suppress(LatinError):
         for target in SEARCHED:
             choice = choose(scene, target, 0.1 * budget, log)
             if choice.solution is None or not choice.reached:
@@ -512,13 +530,23 @@ def finest_reference(scene: Scene, study_runs: StudyRuns, main: Variant, runs: l
     return Reference(finest.quantities, False, text, estimate, at)
 
 
-def _refine_separately(scene: Scene, study_runs: StudyRuns, main: Variant) -> None:
-    """Mesh alone at twice the steps; step alone on the mesh as written; tolerances on several meshes."""
+def _refine_separately(scene: Scene, study_runs: StudyRuns, main: Variant, runs: list[MeasuredRun]) -> None:
+    """Mesh alone with the steps as written, step alone on the mesh as written, as far as ``runs`` predict a sixth of
+    the budget at most; the run as written with a tight tolerance."""
+    fit = RunTimeFit.of(scene, [run.cost for run in runs[-2:]])
     if coarsens_mesh(scene):
-        for f in _factors(scene, (0.35, 0.5, 1.0, 2.0)):
-            study_runs.run(SPACE, main, Resolution(f, aligned(scene, 2.0)))
-    for f in (0.25, 0.5, 1.0, 2.0, 4.0):
-        study_runs.run(TIME, main, Resolution(1.0, aligned(scene, f)))
+        for f in _factors(scene, (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83)):
+            if f <= 1.0 or fit.seconds(f, 1.0) < study_runs.budget / 6.0:
+                study_runs.run(SPACE, main, Resolution(f, aligned(scene, 1.0)))
+    for f in (0.25, 0.5, 0.71, 1.0, 1.41, 2.0, 4.0):
+        if f <= 1.0 or fit.seconds(1.0, f) < study_runs.budget / 6.0:
+            study_runs.run(TIME, main, Resolution(1.0, aligned(scene, f)))
+    at = _at(scene, 1.0)
+    study_runs.run(TOLERANCE, main, Resolution(at.mesh, at.time, TIGHT))
+
+
+def _refine_tolerances(scene: Scene, study_runs: StudyRuns, main: Variant) -> None:
+    """Tolerances on several meshes."""
     for f in _factors(scene, (0.35, 0.5, 1.0, 1.41)):
         at = _at(scene, f)
         for tolerance in (TIGHT, *TOLERANCES):
@@ -538,7 +566,10 @@ def _refine_others(scene: Scene, study_runs: StudyRuns, factors: list[float]) ->
                 break
             # factors are a square root of two apart
             following = f * 2**0.5
-            if runs and RunTimeFit.of(scene, runs[-2:]).seconds(following, following) > 0.4 * share:
+            if (
+                runs
+                and RunTimeFit.of(scene, [run.cost for run in runs[-2:]]).seconds(following, following) > 0.4 * share
+            ):
                 break
 
 
@@ -565,7 +596,7 @@ def _vary_windows(scene: Scene, study_runs: StudyRuns, result: Study) -> None:
                 result.windows[(str(length), direction)] = (run.iterations[0], run.passes)
 
 
-# -- results as text ---------------------------------------------------------------------------------------------------
+# -- what the runs give ------------------------------------------------------------------------------------------------
 NEGLIGIBLE = 0.1
 """Share of the whole error below which the iteration error is negligible."""
 
@@ -654,10 +685,10 @@ def _factor(row: Row, mesh: bool) -> float:
 
 
 def cheapest(study: Study, quantity: str, target: float, variant: str | None = None) -> Row | None:
-    """The cheapest row that reaches a target accuracy, as all finer runs of its variant do; None where none does.
+    """The cheapest row that reaches a target accuracy, as all finer runs of its series do; None where none does.
 
-    Over all variants refined in mesh and step together, or one of them. The error of a reference that is not exact is
-    added to the errors.
+    Over all variants refined in mesh and step together, in the mesh alone and in the step alone, or one of them. The
+    error of a reference that is not exact is added to the errors.
     """
     best: Row | None = None
     estimate = study.reference.own_error
@@ -665,10 +696,10 @@ def cheapest(study: Study, quantity: str, target: float, variant: str | None = N
         own_error = 0.0
     else:
         own_error = estimate[quantity].error
-    tried = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
-    for name in tried if variant is None else (variant,):
+    tried = dict.fromkeys((r.series, r.variant) for r in study.rows if r.series in WAYS)
+    for series, name in (key for key in tried if variant in (None, key[1])):
         # from the finest: one that is accurate by chance, with finer ones that are not, does not count
-        for row in reversed(study.of(TOGETHER, name)):
+        for row in reversed(study.of(series, name)):
             error = study.error(row, quantity)
             if math.isnan(error):
                 continue
@@ -703,97 +734,3 @@ def useful_tolerances(study: Study, quantity: str) -> dict[float, float]:
 
 SEARCHED = (0.1, 0.05, 0.02, 0.01)
 """Target accuracies that are searched for."""
-TARGETS = (0.05, 0.01, 0.002)
-"""Target accuracies listed in the cost table."""
-
-_SPLIT = ("quantity", "error as written", "mesh", "time step", "iteration", "reduction")
-_ORDERS = ("order", "mesh alone", "step alone")
-
-
-def as_text(study: Study) -> str:
-    """Text for the terminal: cost of each accuracy, sources of error, orders, tolerances, failed runs."""
-    estimate = study.reference.own_error
-    lines = [
-        f"{study.scene.name}: cost of accuracy ({study.seconds:.0f} CPU s for the study)",
-        f"reference: {study.reference.text}",
-    ]
-    if estimate is not None:
-        lines.append("  its own error: " + ", ".join(f"{q.quantity} {percent(q.error)}" for q in estimate.quantities))
-    prices: list[tuple[str, ...]] = [("quantity", *(f"for {percent(t)}" for t in TARGETS))]
-    prices += [(q, *(_price(cheapest(study, q, t)) for t in TARGETS)) for q in study.quantities]
-    split = [(*_SPLIT, *_ORDERS), *(_source(sources(study, q)) for q in study.quantities)]
-    lines += ["", "cheapest setting that reaches an accuracy, and keeps it when refined (CPU s):", *columns(prices)]
-    lines += ["", "sources of error at the resolution of the scene, and observed orders:", *columns(split)]
-    lines += ["", "tolerance on sqrt(eta) below which the iteration error is negligible, by mesh:"]
-    lines += columns(_useful(study))
-    lines += ["", "the run as written with its estimate, and searches for an accuracy:", *columns(_searches(study))]
-    failed = failures(study)
-    lines += ["", f"{len(failed)} run(s) failed or were refused" + (":" if failed else "")]
-    return "\n".join([*lines, *(f"  {text}" for text in failed)])
-
-
-def _searches(study: Study) -> list[tuple[str, ...]]:
-    """One row a search: target, CPU time, estimated and true error of the target quantity, largest of its owners."""
-    key = study.scene.accuracy.quantity
-    rows: list[tuple[str, ...]] = [("target", "CPU s", "mesh", f"estimated, {key}", "true")]
-    for search in study.searches:
-        names = [q for q in search.told if is_target(study.scene, q)]
-        told = max((search.told[q] for q in names), default=math.nan)
-        true = max((study.error_of(search.quantities, search.resolution, q) for q in names), default=math.nan)
-        target = "as written" if search.target is None else percent(search.target)
-        rows.append((target, f"{search.cpu:.2g}", f"x {search.resolution.mesh:.2g}", percent(told), percent(true)))
-    return rows
-
-
-def as_markdown(study: Study, picture: str) -> str:
-    """The text as a page with the figure and the table of all runs."""
-    head = [f"# Cost of accuracy: {study.scene.name}", "", f"![Work-precision diagrams]({picture})", ""]
-    runs = ["series", "scheme", "mesh", "steps", "tolerance", "CPU s", "iterations", *study.quantities]
-    table = ["| " + " | ".join(runs) + " |", "|" + "---|" * len(runs)]
-    table += ["| " + " | ".join(_cells(study, row)) + " |" for row in study.rows]
-    return "\n".join([*head, "```", as_text(study), "```", "", "## Every run", "", *table]) + "\n"
-
-
-def _useful(study: Study) -> list[tuple[str, ...]]:
-    """Table of the useful tolerances: one row a quantity, one column a mesh."""
-    tables = {q: useful_tolerances(study, q) for q in study.quantities}
-    meshes = sorted({m for table in tables.values() for m in table})
-    rows: list[tuple[str, ...]] = [("quantity", *(f"x {m:.2g}" for m in meshes))]
-    for q, table in tables.items():
-        values = (table.get(m, math.nan) for m in meshes)
-        rows.append((q, *("none tried" if math.isnan(t) else f"{t:g}" for t in values)))
-    return rows
-
-
-def failures(study: Study) -> list[str]:
-    """Failed or refused runs with the reason, those included that succeed with shorter steps."""
-    lines = [
-        f"{r.variant}, mesh x {r.resolution.mesh:.3g}, steps x {r.resolution.time:.3g}, "
-        f"tolerance {r.tolerance:g}: {r.failure}"
-        for r in study.rows
-        if r.failure
-    ]
-    return list(dict.fromkeys(lines))
-
-
-def _price(row: Row | None) -> str:
-    if row is None:
-        return "not reached"
-    mesh, steps = row.resolution.mesh, row.resolution.time
-    return f"{row.run.cpu:.2g} ({row.variant}, x {mesh:.2g}, steps x {steps:.2g})"
-
-
-def _source(s: ErrorSources) -> tuple[str, ...]:
-    shares = (percent(e) for e in (s.total, s.space, s.time, s.iteration, s.reduction))
-    orders = ("-" if math.isnan(p) else f"{p:.1f}" for p in (s.order_together, s.order_space, s.order_time))
-    return (s.quantity, *shares, *orders)
-
-
-def _cells(study: Study, row: Row) -> list[str]:
-    if row.run.steps:
-        cost = [f"{row.run.cpu:.3g}", f"{row.run.iterations[0]:.1f}"]
-    else:
-        cost = ["-", "-"]
-    at = row.resolution
-    errors = ["failed" if row.failure else percent(study.error(row, q)) for q in study.quantities]
-    return [row.series, row.variant, f"{at.mesh:.3g}", f"{at.time:.3g}", f"{row.tolerance:g}", *cost, *errors]

@@ -107,6 +107,10 @@ def explain(
             read=seconds,
         ),
     ] = None,
+    figure: Annotated[
+        Path | None,
+        Option("with --run: also draw what effects cost and change (png, pdf or svg)", "FIGURE", read=output_file),
+    ] = None,
     fmu: Annotated[
         int | None,
         Option(
@@ -121,6 +125,8 @@ def explain(
 
     if max_cpu is not None and not run:
         raise InputError.of("bad argument", "--max-cpu", "has no effect without --run", remedy="add --run")
+    if figure is not None:
+        _check_effects_figure(figure, run)
     scene = of.read_scene()
     with Waiting("prediction of the cost"):
         explanation = explain(scene, of.scene.read_text(encoding="utf-8-sig"))
@@ -128,7 +134,7 @@ def explain(
     text = explanation.text()
     limited = False
     if run:
-        added, lines, limited = _effects_in_runs(scene, explanation, max_cpu)
+        added, lines, limited = _effects_in_runs(scene, explanation, max_cpu, figure)
         report, text = report | added, f"{text}\n\n{lines}"
     if fmu is not None:
         with Waiting("size of the compiled FMU"):
@@ -142,11 +148,22 @@ def explain(
     return CONVERGED
 
 
+def _check_effects_figure(figure: Path, run: bool) -> None:
+    """Make sure that a figure of effects is asked for with what it shows, and can be written."""
+    from ..pictures.style import check_figure_path
+    from ..results.writing import check_target
+
+    if not run:
+        raise InputError.of("bad argument", "--figure", "has nothing to draw without --run", remedy="add --run")
+    check_figure_path(figure)
+    check_target(figure)
+
+
 def _effects_in_runs(
-    scene: Scene, explanation: Explanation, max_cpu: float | None
+    scene: Scene, explanation: Explanation, max_cpu: float | None, figure: Path | None
 ) -> tuple[dict[str, object], str, bool]:
     """What a coarse run finds, and what effects cost and change, as plain data and as text; whether the limit of CPU
-    time (s) ended it."""
+    time (s) ended it. ``figure`` : of that."""
     from ..accuracy.coarse_effects import coarse_run
     from ..accuracy.measured_effects import measured_effects
 
@@ -164,6 +181,15 @@ def _effects_in_runs(
     with Waiting("runs with one effect changed at a time") as waiting:
         measured = measured_effects(scene, settings, seconds, budget, waiting.reached)
     text = f"{coarse.text()}\n\n{measured.text()}"
+    if figure is not None:
+        from ..accuracy.effects_figure import effects_figure
+        from ..pictures.style import save_figure
+
+        try:
+            save_figure(effects_figure(measured, scene.name), figure)
+            text += f"\nfigure: {figure}"
+        except ValueError as error:
+            text += f"\nno figure: {error}"
     return report | {"measured_effects": measured.report()}, text, measured.limited
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import json
 import os
 import re
 from collections.abc import Iterator
@@ -54,7 +55,7 @@ examples:
   latin-fmu run scene.toml --json > run.json
   latin-fmu run scene.toml --report report.html
   latin-fmu run scene.toml -o out.nc --checkpoint 10min --resume
-  latin-fmu run scene.toml --accuracy 1% --set accuracy.quantity=crush.first_contact
+  latin-fmu run scene.toml --accuracy 1% --of crush.first_contact
 
 Named items are addressed by name: --set load.press.pressure=100e6
 """
@@ -137,9 +138,17 @@ class SolveOptions(OfScene):
     accuracy: Annotated[
         str | None,
         Option(
-            "target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
-            "accuracy.quantity, impulse by default)",
+            "target relative error: mesh, time step and tolerance are chosen (accuracy.target; of the quantity --of, "
+            "impulse by default)",
             "1%",
+        ),
+    ] = None
+    of: Annotated[
+        str | None,
+        Option(
+            "with --accuracy: its quantity, as the table of prices names it (accuracy.quantity), for example "
+            "m6.largest_bolt_force",
+            "QUANTITY",
         ),
     ] = None
     max_cpu: Annotated[
@@ -184,7 +193,7 @@ def _distributed(options: SolveOptions, signals: StopSignals, processes: Process
     first = processes.rank == 0
     options = replace(options, quiet=options.quiet or not first)
     with processes.agreed():
-        scene = options.read_scene()
+        scene = _read(options)
         refused: dict[str, object] = {"--checkpoint": options.checkpoint, "--resume": options.resume or None}
         refused["--accuracy"] = _target(scene, options)
         if wanted := [name for name, value in refused.items() if value is not None]:
@@ -242,7 +251,7 @@ def _run_alone(options: SolveOptions, signals: StopSignals, deck: ImportedDeck |
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.writing import remove_dead_drafts
 
-        scene = options.read_scene()
+        scene = _read(options)
     target = _checked_outputs(scene, options)
     remove_dead_drafts(target.parent)
     wanted = _target(scene, options)
@@ -368,6 +377,17 @@ def _lean_imports() -> Iterator[None]:
             # a real module where an import has put one in the meantime
             if vars(numpy)[name] is None:
                 delattr(numpy, name)
+
+
+def _read(options: SolveOptions) -> Scene:
+    """The scene, with the quantity of the accuracy that the options name."""
+    if options.of is None:
+        return options.read_scene()
+    settings = *options.overrides, f"accuracy.quantity={json.dumps(options.of)}"
+    scene = replace(options, overrides=settings).read_scene()
+    if _target(scene, options) is None:
+        raise InputError.of("bad argument", "--of", "there is no accuracy to reach", remedy="add --accuracy 2%")
+    return scene
 
 
 def _target(scene: Scene, options: SolveOptions) -> float | None:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from ..errors import InputError, Problem
 from . import (
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 _COST_EXAMPLES = """\
 examples:
   latin-fmu cost models/impact_bar/scene.toml --quick
-  latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml -o study
+  latin-fmu cost models/lap_joint/shock.toml --of bolt.m6 --of impulse -o study
+  latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml --methods -o study
 
-Mesh, time step and tolerance are refined in turn and together, for every time scheme and propagator; errors are
-measured against the exact solution declared with the model (reference.json beside the scene) or against a refined
-run with an estimated error. Failed methods are listed.
+Mesh and time step are refined in turn and together; errors are measured against the exact solution declared with the
+model (reference.json beside the scene) or against a refined run with an estimated error.
 """
 _STRESS_EXAMPLES = """\
 examples:
@@ -89,6 +89,7 @@ Writes the scene with the fitted values, OUT.toml, and OUT.png: data, before, af
 exit codes: 0 converged, 1 not within --max-runs (the best run is written), 2 bad input
 """
 _BUDGET = 120.0
+_TOGETHER: Final = "cost_of_accuracy"  # figure of several scenes
 _QUICK = 20.0
 
 
@@ -154,54 +155,80 @@ class CalibrateOptions(OfScene):
     ] = None
 
 
-@command(_COST_EXAMPLES)
-def cost(
-    scenes: Annotated[tuple[Path, ...], Argument("scene file (TOML)", "SCENE")],
+@dataclass(frozen=True, kw_only=True)
+class CostOptions:
+    """Options of ``cost``."""
+
+    scenes: Annotated[tuple[Path, ...], Argument("scene file (TOML)", "SCENE")]
     overrides: Annotated[
         tuple[str, ...], Option("change one setting of every scene; may be repeated", "a.b.c=value", "--set")
-    ] = (),
+    ] = ()
     output: Annotated[
         Path | None,
-        Option("write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several", "FOLDER", "-o"),
-    ] = None,
+        Option("write NAME_cost.md, .png and .nc per scene, and cost_of_accuracy.png for several", "FOLDER", "-o"),
+    ] = None
+    of: Annotated[
+        tuple[str, ...], Option("quantity of the figure, as accuracy.quantity; up to four, may be repeated", "QUANTITY")
+    ] = ()
+    methods: Annotated[
+        bool,
+        Option(
+            "also every other time scheme and propagator, tolerances, windows, search directions, and searches for an "
+            "accuracy; methods that fail are listed"
+        ),
+    ] = False
     budget: Annotated[
         float | None,
         Option(
             f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)",
             "SECONDS",
         ),
-    ] = None,
-    quick: Annotated[bool, Option("a small budget")] = False,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> int:
-    """Measure the cost of accuracy: work-precision study of a scene."""
-    from ..accuracy.study import as_text, study
+    ] = None
+    quick: Annotated[bool, Option("a small budget")] = False
+    json: Json = False
+    quiet: Quiet = False
+
+
+@command(_COST_EXAMPLES)
+def cost(options: CostOptions) -> int:
+    """Measure what accuracy costs: error against CPU time as mesh and time step are refined."""
+    from ..accuracy.study import study
     from ..accuracy.study_files import as_data
+    from ..accuracy.study_text import as_text
     from ..reader import load_scene
 
-    loaded = [load_scene(path, overrides) for path in scenes]  # all before the long part
+    loaded = [load_scene(path, options.overrides) for path in options.scenes]  # all before the long part
+    budget = options.budget
     if budget is None:
-        if quick:
+        if options.quick:
             budget = _QUICK
         else:
             budget = _BUDGET
     if not 0.0 < budget < 1e6:
         raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
-    if output is not None:
-        _check_studies(loaded, output)
+    if options.output is not None:
+        _check_studies(loaded, options.output)
     studies = []
     for scene in loaded:
         # the budget is one of CPU time, so is what is left
-        with Waiting(f"study of {scene.name}", budget, quiet, clock=time.process_time) as waiting:
-            studies.append(study(scene, budget, waiting.log))
-        if not json:
+        with Waiting(f"study of {scene.name}", budget, options.quiet, clock=time.process_time) as waiting:
+            studies.append(study(scene, budget, waiting.log, options.methods))
+        if not options.json:
             print(as_text(studies[-1]), flush=True)
-    if output is not None:
-        _write_studies(studies, output)
-    if json:
+    _check_quantities(studies, options.of)
+    if options.output is not None:
+        _write_studies(studies, options.output, options.of)
+    if options.json:
         print("[\n" + ",\n".join(json_lines(as_data(item)) for item in studies) + "\n]")
     return CONVERGED
+
+
+def _check_quantities(studies: list[Study], wanted: tuple[str, ...]) -> None:
+    """Name what no study has: the figure would leave it out without a word."""
+    known = dict.fromkeys(q for study in studies for q in study.quantities)
+    for name in wanted:
+        if not any(q == name or q.endswith(f".{name}") for q in known):
+            say(f"--of {name}: no study has this quantity; there are {', '.join(known)}")
 
 
 def _check_studies(scenes: Sequence[Scene], folder: Path) -> None:
@@ -211,15 +238,16 @@ def _check_studies(scenes: Sequence[Scene], folder: Path) -> None:
     if not folder.exists():
         check_folder(folder.parent)
         folder.mkdir()
-    for name in (*(f"{scene.name}_cost" for scene in scenes), "work_precision"):
+    for name in (*(f"{scene.name}_cost" for scene in scenes), _TOGETHER):
         for suffix in (".md", ".png", ".nc"):
             check_target(folder / f"{name}{suffix}")
 
 
-def _write_studies(studies: list[Study], folder: Path) -> None:
+def _write_studies(studies: list[Study], folder: Path, quantities: Sequence[str]) -> None:
     """Page, figure and netCDF of each study, each complete or not at all."""
-    from ..accuracy.study import as_markdown
-    from ..accuracy.study_files import comparison_figure, cost_figure, datatree
+    from ..accuracy.price_figure import price_figure
+    from ..accuracy.study_files import datatree
+    from ..accuracy.study_text import as_markdown
     from ..pictures.style import save_figure
     from ..results.files import write_netcdf
     from ..results.writing import write_bytes
@@ -227,12 +255,12 @@ def _write_studies(studies: list[Study], folder: Path) -> None:
     for study in studies:
         stem = folder / f"{study.scene.name}_cost"
         picture = stem.with_suffix(".png")
-        save_figure(cost_figure(study), picture)
+        save_figure(price_figure([study], quantities), picture)
         write_bytes(stem.with_suffix(".md"), as_markdown(study, picture.name).encode())
         write_netcdf(datatree(study), stem.with_suffix(".nc"))
         say(f"study: {stem}.md, .png, .nc")
     if len(studies) > 1:
-        save_figure(comparison_figure(studies), folder / "work_precision.png")
+        save_figure(price_figure(studies, quantities), folder / f"{_TOGETHER}.png")
 
 
 @command(_STRESS_EXAMPLES)

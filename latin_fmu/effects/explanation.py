@@ -12,7 +12,7 @@ import textwrap
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -65,7 +65,7 @@ class Explanation:
 
     def report(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        instant = self.prediction["cpu_seconds_instant"]
+        instant = self._shared
         return {
             "schema_version": SCHEMA_VERSION,
             "scene": self.scene,
@@ -101,6 +101,12 @@ class Explanation:
             lines += ["", *(f"not checked: {text}" for text in self.unchecked)]
         return "\n".join(lines)
 
+    @property
+    def _shared(self) -> float:
+        """What shares of effects are of, s: the predicted CPU time of an instant, or where what each effect would save
+        alone adds up to more, that sum, so that shares add up to 1."""
+        return max(float(self.prediction["cpu_seconds_instant"]), sum(e.cost for e in self.effects if e.on))
+
     def _headline(self) -> str:
         p = self.prediction
         total = p["cpu_seconds_set_up"] + p["cpu_seconds_instants"]
@@ -114,7 +120,7 @@ class Explanation:
 
     def _described(self, effect: Effect) -> list[str]:
         """Reason, numbers, keys and switch of an effect that is on."""
-        share = effect.cost / self.prediction["cpu_seconds_instant"]
+        share = effect.cost / self._shared
         numbers = [f"{effect.unknowns} unknowns"] if effect.unknowns else []
         if effect.memory:
             numbers += [readable(effect.memory, "B", 3)]
@@ -252,6 +258,8 @@ def choices(p: Prediction) -> dict[str, str]:
 TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
 UNRESOLVED = 0.2  # transit of a body over the step
+WORTH: Final = 0.1
+"""Share of the CPU time of a run that a suggested change saves at least."""
 COSTLY = 0.2  # share of the time
 TENTH = 10  # instants between stored fields
 LATE = 0.7  # share of the instants at which substructures are marched
@@ -305,7 +313,9 @@ Maker = Callable[[Prediction, list[Effect]], Iterator[Suggestion]]
 def suggestions(p: Prediction, effects: list[Effect]) -> list[Suggestion]:
     """All suggestions for a scene with these effects."""
     makers: tuple[Maker, ...] = (_friction, _open_gaps, _rigid, _stored, _slow, _late, _single, _propagator)
-    return [s for make in makers for s in make(p, effects)]
+    found = [s for make in makers for s in make(p, effects)]
+    # a setting that saves next to nothing is noise; what has no predicted cost is advice of another kind
+    return [s for s in found if s.factor is None or s.factor <= 1.0 - WORTH]
 
 
 def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:

@@ -550,7 +550,10 @@ def quantities_of(scene: Scene, solution: Solution) -> Record:
         *((INTERFACE, name, InterfaceRecord.of(h, time, end, whole)) for name, h in solution.interfaces.items()),
         *((SENSOR, name, SensorRecord.of(h, solution.time)) for name, h in solution.sensors.items()),
         *((BOUNDARY, name, reaction) for name, reaction in solution.reactions.items()),
-        *((BOLT, name, BoltRecord.of(bolt, solution.time)) for name, bolt in solution.bolts.items()),
+        *(
+            (BOLT, name, BoltRecord.of(bolt, solution.time, None, solution.interfaces))
+            for name, bolt in solution.bolts.items()
+        ),
     ]
     values: dict[str, dict[str, float]] = {}
     for kind, name, record in records:

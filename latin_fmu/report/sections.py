@@ -321,6 +321,9 @@ def _accuracy(of: RunContent) -> Iterator[Html]:
         yield table(estimated)
     else:
         yield paragraph("None: the error of this run was not estimated.", "note")
+    if prices := of.rows("prices")[1:]:
+        yield heading("Price of smaller errors")
+        yield table([of.rows("prices")[0], *prices])
     if bands := of.summary.get("bands"):
         yield heading("Bands")
         yield items([line.strip() for line in bands if line.strip()])

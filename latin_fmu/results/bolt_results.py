@@ -9,9 +9,11 @@ import numpy as np
 
 from ..latin.outcome import BoltHistory, Outcome
 from ..scene.quantity_table import BOLT as OF_BOLT
+from ..scene.quantity_table import MARGIN
 from ..scene.readable_numbers import aligned, readable
 from ..scene.units import SI, UnitSystem
 from .bolt_margins import CHECKS, BoltMargin, BoltMargins, SectionStresses
+from .estimates import ErrorEstimate
 from .groups import StoredGroup, finite
 from .owner_records import BoltRecord, reported, stored_scalars
 from .quantities import (
@@ -68,9 +70,10 @@ def _not_told(bolt: BoltHistory, margins: BoltMargins) -> list[str]:
     return [*bolt.sections.missing, *margins.missing]
 
 
-def margin_lines(outcome: Outcome) -> list[str]:
-    """Table of the safeties of the bolts, and what was not found; none where there is no margin."""
-    if rows := margin_rows(outcome):
+def margin_lines(outcome: Outcome, estimate: ErrorEstimate | None = None) -> list[str]:
+    """Table of the safeties of the bolts, with the estimated error of the smallest of each, and what was not found;
+    none where there is no margin."""
+    if rows := margin_rows(outcome, estimate):
         below = [f"  below 1: {text}" for text in _below_one(outcome)]
         return aligned(rows) + below + [f"  {name}: {sentence}" for name, sentence in margin_notes(outcome)]
     return []
@@ -86,8 +89,12 @@ def _below_one(outcome: Outcome) -> list[str]:
     ]
 
 
-def margin_rows(outcome: Outcome) -> list[tuple[str, ...]]:
+def margin_rows(outcome: Outcome, estimate: ErrorEstimate | None = None) -> list[tuple[str, ...]]:
     """Rows of that table, the first two its head; none where there is no margin."""
+    errors: dict[str, str] = {}
+    if estimate is not None:
+        names = {f"{name}.{MARGIN.key}": name for name in outcome.bolts}
+        errors = {names[q.quantity]: f"+- {q.error_text}" for q in estimate.quantities if q.quantity in names}
     found = _margins(outcome)
     checks = [check for check in CHECKS if any(check in of.margins for of in found.values())]
     if not checks:
@@ -97,6 +104,14 @@ def margin_rows(outcome: Outcome) -> list[tuple[str, ...]]:
     rows.append(("VDI 2230-1", *(CHECKS[check][0].partition(" ")[0] for check in checks)))
     for name, of in found.items():
         rows.append((name, *(_safety(of.margins.get(check)) for check in checks)))
+    if errors:
+        # the share of the clamp force that is left is no safety
+        last = [
+            "smallest",
+            "",
+            *(f"{_safety(of.smallest)} {errors.get(name, '')}".strip() for name, of in found.items()),
+        ]
+        rows = [(*row, cell) for row, cell in zip(rows, last, strict=True)]
     return rows
 
 

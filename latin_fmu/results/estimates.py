@@ -15,6 +15,7 @@ from ..scene.quantity_table import FLOOR, definition_of
 from ..scene.readable_numbers import aligned, percent, readable
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup, finite
+from .prices import Price, price_columns, price_report, price_rows
 from .quantities import ByQuantity, rows
 
 MOST_OF_HISTORY: Final = 1.0
@@ -33,6 +34,7 @@ class QuantityEstimate:
     expected_order : order of convergence that the estimate counts on.
     history : estimated relative error of the history of the force, of a quantity that rests on it: above
         ``MOST_OF_HISTORY`` its own error is infinite.
+    prices : of smaller errors (``results.prices.TARGETS``), none where they were not predicted.
     """
 
     quantity: str
@@ -42,6 +44,7 @@ class QuantityEstimate:
     bound_only: bool = True
     expected_order: float = 1.0
     history: float = 0.0
+    prices: tuple[Price, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -52,6 +55,21 @@ class QuantityEstimate:
     def relative_error(self) -> float:
         """The estimated error, at least 0.1 %."""
         return max(self.error, FLOOR)
+
+    @property
+    def likely_order(self) -> float:
+        """Order that the next refinement is predicted by: the observed one, the expected one where none is observed, or
+        where it is out of the range that changes which do not cancel have."""
+        if 0.3 <= self.order <= 2.0:
+            return self.order
+        return self.expected_order
+
+    @property
+    def error_text(self) -> str:
+        """The estimated error in words, relative or in the unit of the quantity."""
+        if definition_of(self.quantity).absolute and math.isfinite(self.error):
+            return f"{self.relative_error:.2g}"
+        return error_text(self.error)
 
 
 @dataclass(frozen=True)
@@ -142,6 +160,7 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
         quantities = {
             q.quantity: {"unit": units.label(q.unit), "bound_only": q.bound_only}
             | {name: finite(row.of(q)) for name, row in _NUMBERS.items()}
+            | {"prices": price_report(q.prices)}
             for q in self.quantities
         }
         return {"quantities": quantities, "cpu_seconds": self.cpu, "remarks": list(self.notes)}
@@ -164,8 +183,18 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
         bounds = np.array([q.bound_only for q in self.quantities], dtype=np.int8)
         stored = [(row, np.array([row.of(q) for q in self.quantities], dtype=float)) for row in _NUMBERS.values()]
         texts = [(_TEXTS["quantity_unit"], labels), *stored, (_TEXTS["bound_only"], bounds)]
+        prices, targets = price_columns(self.quantities)
         attrs = {"remarks": "\n".join(self.notes), "cpu_seconds": self.cpu}
-        return StoredGroup.of(texts, [(_TEXTS["quantity"], names)], attrs)
+        return StoredGroup.of([*texts, *prices], [(_TEXTS["quantity"], names), *targets], attrs)
+
+    def price_rows(self, most: int | None = None) -> list[tuple[str, ...]]:
+        """Table of the prices of smaller errors, its head alone without; ``most`` : of so many headline quantities,
+        those with the largest errors."""
+        chosen = [q for q in self.quantities if q.prices]
+        if most is not None:
+            chosen = [q for q in chosen if definition_of(q.quantity).headline]
+            chosen = sorted(chosen, key=lambda q: -q.relative_error)[:most]
+        return price_rows(chosen)
 
 
 def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:
@@ -173,7 +202,7 @@ def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:
         order = "-"
     else:
         order = f"{q.order:.1f}"
-    return q.quantity, readable(q.value, units.shown(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
+    return q.quantity, readable(q.value, units.shown(q.unit)), q.error_text, f"{order} ({q.expected_order:g})"
 
 
 def error_text(error: float) -> str:

@@ -7,6 +7,7 @@ estimates, of the interval of the scene.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -16,6 +17,7 @@ import numpy as np
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, SensorHistory
 from ..scene.quantity_table import RunScalar, rows_of
 from ..scene.sensors import Filter, highest_frequency, nyquist
+from .bolt_margins import BoltMargins
 from .filters import low_pass, uniform_step
 from .groups import finite
 from .interface_fields import (
@@ -353,15 +355,37 @@ class SensorRecord:
 
 @dataclass(frozen=True)
 class BoltRecord:
-    """A bolt; ``tension`` : of the whole run, or until the end of an interval, (n_time, 1), N."""
+    """A bolt.
+
+    Attributes
+    ----------
+    tension : of the whole run, or until the end of an interval, (n_time, 1), N. margin : smallest safety of its checks
+        by VDI 2230-1 over the run, less 1 (``BoltMargins.smallest``); None without a check, or the interfaces of the
+        run.
+    """
 
     history: BoltHistory
     tension: Signal
+    margin: float | None = None
 
     @classmethod
-    def of(cls, history: BoltHistory, time: Array, end: float | None = None) -> BoltRecord:
-        """From the history of a run with its instants (n_time,), s."""
-        return cls(history, Signal(time, history.force[:, None]).until(end))
+    def of(
+        cls,
+        history: BoltHistory,
+        time: Array,
+        end: float | None = None,
+        interfaces: Mapping[str, InterfaceHistory] | None = None,
+    ) -> BoltRecord:
+        """From the history of a run with its instants (n_time,), s, and its interfaces by name."""
+        margin = None
+        if interfaces is not None and (smallest := BoltMargins.of(history, interfaces).smallest) is not None:
+            margin = smallest.safety - 1.0
+        return cls(history, Signal(time, history.force[:, None]).until(end), margin)
+
+    @property
+    def checked(self) -> bool:
+        """Whether it has a margin."""
+        return self.margin is not None
 
 
 def reported(owner: str, record: Any) -> dict[str, float | None]:

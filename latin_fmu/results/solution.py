@@ -23,6 +23,7 @@ from .files import write_groups
 from .groups import StoredGroup, in_units
 from .limits import LimitCheck, limit_checks, limit_groups, limit_rows
 from .model import BodySize, model_group
+from .prices import IN_SUMMARY
 from .sensors import reaction_report, reaction_rows, sensor_report, sensor_rows, spectra_of, spectrum_rows
 from .sentences import named_lines, sentence_rows, wrapped
 from .spectra import ShockSpectrum
@@ -194,7 +195,7 @@ class Solution:
             lines += ["", *named_lines(said)]
         if self.limits:
             lines += ["", *named_lines(limit_rows(self.limits, self.units))]
-        if margins := margin_lines(self.outcome):
+        if margins := margin_lines(self.outcome, self.estimate):
             lines += ["", *margins]
         if self.stresses:
             lines += ["", *named_lines(stress_rows(self.stresses, self.units))]
@@ -203,6 +204,8 @@ class Solution:
         if self.bands is not None:
             lines += ["", *self.bands.lines(self.units)]
         lines += ["", *(line for row in self._cost() for line in wrapped(*row))]
+        if self.estimate is not None and len(prices := self.estimate.price_rows(None if details else IN_SUMMARY)) > 1:
+            lines += ["", *aligned(prices)]
         if details:
             lines += ["", *details_of(self.outcome, self.units)]
             lines += [line for rows in self._tables().values() if rows for line in ("", *aligned(rows))]
@@ -231,7 +234,7 @@ class Solution:
         parts: dict[str, Any] = {
             "sentences": self._sentences(),
             "limits": limit_rows(self.limits, units),
-            "margins": margin_rows(outcome),
+            "margins": margin_rows(outcome, self.estimate),
             "margin_notes": margin_notes(outcome),
             "stresses": stress_rows(self.stresses, units),
             "course": course_rows(outcome, units),
@@ -241,6 +244,7 @@ class Solution:
         }
         if self.estimate is not None:
             parts["accuracy"] = self.estimate.rows(units)
+            parts["prices"] = self.estimate.price_rows()
         if self.bands is not None:
             parts["bands"] = self.bands.lines(units)
         return parts | self._tables()

@@ -154,11 +154,17 @@ class QuantityOfInterest(RunScalar):
     unlimited: bool = False
     steady: bool = False
     rests: str = ""
+    headline: bool = False
 
     @property
     def estimate(self) -> str:
         """As ``study``, of estimates."""
         return self.measured
+
+    @property
+    def absolute(self) -> bool:
+        """Whether its error is absolute, in its unit: nothing that a value near 0 could be divided by."""
+        return self.scale.startswith("1:")
 
     @property
     def norm(self) -> bool:
@@ -224,6 +230,7 @@ QUANTITIES: Final[tuple[RunScalar, ...]] = (
         stored="largest mean of the normal resultant over the time of the attribute peak_duration (s)",
         doubt="at_peak",
         scale="itself",
+        headline=True,
         safety=0.64,
         alone=0.79,
         distance="peak",
@@ -325,6 +332,7 @@ QUANTITIES: Final[tuple[RunScalar, ...]] = (
         doubt="sliding",
         scale="itself, a thousandth of impulse x largest velocity at least",
         size=lambda r, work: max(work, LEAST_WORK * r.force.impulse_of_size() * r.largest_velocity),  # N s m/s = J
+        headline=True,
         safety=1.0,
         alone=4.3,
         iteration=2.0,
@@ -409,6 +417,7 @@ QUANTITIES: Final[tuple[RunScalar, ...]] = (
         stored=None,
         last=lambda r: r.displacement.peak_at(),
         scale="itself",
+        headline=True,
         safety=1.15,
         alone=0.6,
         share=0.8,
@@ -462,6 +471,7 @@ QUANTITIES: Final[tuple[RunScalar, ...]] = (
         report=None,
         stored=None,
         scale="itself, frequency by frequency",
+        headline=True,
         safety=1.95,
         alone=1.5,
         share=0.8,
@@ -498,6 +508,7 @@ QUANTITIES: Final[tuple[RunScalar, ...]] = (
         report=None,
         stored=None,
         scale="itself",
+        headline=True,
         safety=0.61,
         alone=0.67,
         distance="peak",
@@ -548,10 +559,30 @@ QUANTITIES: Final[tuple[RunScalar, ...]] = (
         stored=None,
         last=lambda r: int(r.tension.values.argmax()),
         scale="itself",
+        headline=True,
         safety=0.5,
         alone=0.35,
         distance="peak",
         history=lambda r: r.tension,
+    ),
+    QuantityOfInterest(
+        "margin",
+        "1",
+        "margin of a bolt: its smallest safety by VDI 2230-1 less 1, of all checks but separation",
+        BOLT,
+        lambda r: r.margin,
+        derivatives=None,
+        study="checked",
+        report=None,
+        stored=None,
+        scale="1: its error is absolute",
+        size=lambda *_: 1.0,
+        headline=True,
+        safety=1.35,
+        alone=2.0,
+        share=1.0,
+        of="largest_bolt_force",
+        measured="checked",
     ),
     RunScalar(
         "last_bolt_force",
@@ -685,3 +716,4 @@ ACCELERATION_PEAK: Final = definition_of("acceleration_peak")
 ACCELERATION_UNFILTERED: Final = RUN_SCALARS["acceleration_peak_unfiltered"]
 SPECTRUM: Final = definition_of("spectrum")
 LARGEST_BOLT_FORCE: Final = definition_of("largest_bolt_force")
+MARGIN: Final = definition_of("margin")

@@ -12,7 +12,8 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.runs import MeasuredRun, Resolution, RunTimeFit, run_at
+from latin_fmu.accuracy.price_figure import price_figure
+from latin_fmu.accuracy.runs import MeasuredRun, Resolution, RunCost, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,
@@ -24,13 +25,13 @@ from latin_fmu.accuracy.study import (
     Row,
     Study,
     StudyRuns,
-    as_text,
     cheapest,
     sources,
     unreduced,
     useful_tolerances,
     variants_of,
 )
+from latin_fmu.accuracy.study_text import as_text
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.reader import load_scene
@@ -57,7 +58,7 @@ def linear() -> Study:
     rows = []
     for f in (0.5, 1.0, 2.0, 4.0):
         rows.append((TOGETHER, made_up(f, f, cpu=f**2)))
-        rows += [(SPACE, made_up(f, 2.0)), (TIME, made_up(1.0, f))]
+        rows += [(SPACE, made_up(f, 1.0, cpu=3.0 * f)), (TIME, made_up(1.0, f, cpu=2.0 + f))]
         rows += [(TOLERANCE, made_up(f, f, t)) for t in (TIGHT, 1e-1, 1e-2, 1e-3, 1e-4)]
     for series, row in rows:
         row.series = series
@@ -92,6 +93,32 @@ def test_the_price_is_that_of_the_cheapest_run_that_keeps_the_target(linear: Stu
     assert cheapest(linear, Q, 1e-3) is None
 
 
+def test_the_cheapest_way_may_be_the_mesh_alone(linear: Study) -> None:
+    """Error 0.04 / m + 0.01 at the steps as written: 3.1 % at twice the mesh, which costs 6 in place of 4 together;
+    with a mesh that costs less, it is the cheapest."""
+    for row in linear.rows:
+        if row.series == SPACE:
+            row.run = replace(row.run, cpu=0.5 * row.run.cpu)
+    found = cheapest(linear, Q, 0.032)
+    assert found is not None
+    assert (found.series, found.run.cpu) == (SPACE, 3.0)
+
+
+def test_the_figure_shows_three_ways_the_run_and_its_stars(linear: Study) -> None:
+    """Lines of the three ways, the run as written, one star for the targets of one run, and what is not reached."""
+    figure = price_figure([linear])
+    (axes,) = figure.axes
+    labels = [line.get_label() for line in axes.get_lines()]
+    assert labels[:3] == ["finer mesh and shorter steps", "finer mesh", "shorter steps"]
+    together = axes.get_lines()[0]
+    # 10, 5, 2.5, 1.25 %, each with the error of the tolerance
+    assert together.get_ydata() == pytest.approx([10.03, 5.03, 2.53, 1.28])
+    texts = "\n".join(text.get_text() for text in axes.texts)
+    assert "5 %: 4 s\nmesh, steps x 2" in texts
+    assert "2 %: 16 s\nmesh, steps x 4" in texts
+    assert "1 %: not reached" in texts
+
+
 def test_where_the_tolerance_stops_to_matter(linear: Study) -> None:
     """Iteration error 0.3 tol against a tenth of 0.05 / f: 1e-2 for f = 1 (3e-3 < 5e-3), 1e-3 for f = 4."""
     tolerances = useful_tolerances(linear, Q)
@@ -112,18 +139,20 @@ def test_every_scheme_of_the_registry_is_tried() -> None:
 
 
 def test_run_time_fit_follows_two_runs() -> None:
-    rows = [made_up(f, f, cpu=0.1 + 0.2 * f**2) for f in (1.0, 2.0)]
-    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows])
-    assert fit.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 16)
+    """0.1 + 0.2 m of the set-up and (0.3 + 0.4 m) n of the steps, of bars."""
+    costs = [RunCost(Resolution(f, f), 0.1 + 0.2 * f, (0.3 + 0.4 * f) * f) for f in (1.0, 2.0)]
+    fit = RunTimeFit.of(shipped("impact_bar"), costs)
+    assert fit.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 4 + (0.3 + 0.4 * 4) * 4)
+    assert fit.seconds(1.0, 3.0) == pytest.approx(0.1 + 0.2 + (0.3 + 0.4) * 3)
+    assert fit.seconds(3.0, 1.0) == pytest.approx(0.1 + 0.2 * 3 + 0.3 + 0.4 * 3)
 
 
-@pytest.mark.parametrize(("seconds", "foreseen"), [((0.5, 0.3, 0.9), 0.1 + 0.2 * 16), ((0.5, 0.4, 0.1), 0.4)])
-def test_run_time_fit_with_an_expensive_first_run(seconds: tuple[float, float, float], foreseen: float) -> None:
+@pytest.mark.parametrize(("setup", "foreseen"), [((0.5, 0.3, 0.5), 0.1 + 0.2 * 4), ((0.5, 0.4, 0.1), 0.1 / 2 * 4)])
+def test_run_time_fit_with_an_expensive_first_run(setup: tuple[float, float, float], foreseen: float) -> None:
     """The first run of a process also pays for loading kernels: the cheapest and the largest count; where the largest
     is the cheapest, all its cost is taken for work."""
-    rows = [made_up(f, f, cpu=cpu) for f, cpu in zip((0.5, 1.0, 2.0), seconds, strict=True)]
-    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows])
-    assert fit.seconds(4.0, 4.0) == pytest.approx(foreseen)
+    costs = [RunCost(Resolution(f, f), seconds, 0.0) for f, seconds in zip((0.5, 1.0, 2.0), setup, strict=True)]
+    assert RunTimeFit.of(shipped("impact_bar"), costs).seconds(4.0, 4.0) == pytest.approx(foreseen)
 
 
 @pytest.fixture
@@ -136,7 +165,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("small")
 def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["cost", str(MODELS / "impact_bar/scene.toml"), "--budget", "4", "--json", "-o", str(tmp_path)]
-    settings = ["--set", "substructure.bar.box.elements=[1, 1, 32]", "--set", "time.instants=128"]
+    settings = ["--methods", "--set", "substructure.bar.box.elements=[1, 1, 32]", "--set", "time.instants=128"]
     assert main([*arguments, *settings]) == 0
     captured = capsys.readouterr()
     (printed,) = json.loads(captured.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
@@ -178,7 +207,7 @@ def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -
     settings += ["time.scheme=hht"]  # which the modes take
     file = MODELS / "impact_bar/scene.toml"
     few = ["solver.propagator={type = 'reduced', modes = 2}"]
-    study = study_module.study(load_scene(file, [*settings, *few]), 3.0, lambda _: None)
+    study = study_module.study(load_scene(file, [*settings, *few]), 3.0, lambda _: None, methods=True)
     reduced, whole = (run_at(load_scene(file, [*settings, *s]), Resolution()) for s in (few, []))
     value, expected = (r.quantities.values["wall.impulse"] for r in (reduced, whole))
     error_parts = sources(study, "wall.impulse")
@@ -189,6 +218,7 @@ def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -
     direct = load_scene(file, settings)
     assert unreduced(direct) is None
     assert unreduced(study.scene).scene.solver.propagator.type == "direct"
+    assert unreduced(direct, [replace(made_up(1.0, 1.0).run, by_modes=True)]).scene.solver.propagator.type == "direct"
 
 
 def test_the_target_folder_is_checked_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

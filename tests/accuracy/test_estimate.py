@@ -233,7 +233,8 @@ def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.Capt
     assert main(["run", scene, "-o", "a.nc", "--quiet", "--json"]) == 0
     estimate = json.loads(capsys.readouterr().out)["error_estimate"]
     impulse = estimate["quantities"]["meet.impulse"]
-    assert set(impulse) == {"value", "unit", "relative_error", "bound_only", "observed_order", "expected_order"}
+    names = {"value", "unit", "relative_error", "bound_only", "observed_order", "expected_order", "prices"}
+    assert set(impulse) == names
     assert impulse["unit"] == "N s"
     assert 1e-3 <= impulse["relative_error"] < 1.0
     tree = latin_fmu.open_results("a.nc")

@@ -12,10 +12,14 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy import measured_effects as module
+from latin_fmu.accuracy.effects_figure import effects_figure
 from latin_fmu.accuracy.measured_effects import MeasuredEffect, MeasuredEffects, changes, measured_effects
 from latin_fmu.cli import main
 from latin_fmu.commands import LIMITED
+from latin_fmu.pictures.style import save_figure
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
+
+from ..verification.known_answers import MODELS, shipped
 
 Tables = dict[str, Any]
 
@@ -175,3 +179,31 @@ def test_a_limit_of_cpu_time_ends_the_table(capsys: pytest.CaptureFixture[str], 
     assert {row["effect"] for row in report["effects"]} >= {"friction of meet", "sensors"}
     assert main(["explain", str(file), "--run"]) == 0
     assert "friction of meet" in capsys.readouterr().out
+
+
+def test_the_figure_has_a_bar_for_each_effect(tmp_path: Path) -> None:
+    """Savings as in the table, the largest on top; changes below a hundredth of a per cent have a bar of no length."""
+    plain = MeasuredEffect("nothing", "", shipped("impact_bar"), [2.0])
+    rows = [
+        MeasuredEffect("friction of a", "", plain.scene, [1.5], {"forces": 0.2, "motions": 0.001}),
+        MeasuredEffect("output of energy", "", plain.scene, [1.0], {"forces": 0.0, "motions": 0.0}),
+        MeasuredEffect("inertia", "", plain.scene, [9.0], {"forces": 0.9}),
+        MeasuredEffect("sensors", "", plain.scene, remark="not run"),
+    ]
+    figure = effects_figure(MeasuredEffects("by hand (1 run)", plain, rows, []), "bar")
+    price, influence = figure.axes
+    assert [bar.get_width() for bar in price.patches] == pytest.approx([-350.0, 25.0, 50.0])  # from below
+    names = ["inertia", "friction of a", "* output of energy"]
+    assert [text.get_text() for text in price.get_yticklabels()] == names
+    assert [bar.get_width() for bar in influence.patches] == pytest.approx([90.0, 20.0, 0.01, 0.01, 0.1, 0.01])
+    save_figure(figure, tmp_path / "effects.png")
+    with pytest.raises(ValueError, match="no effect was measured"):
+        effects_figure(MeasuredEffects("", plain, rows[-1:], []), "bar")
+
+
+def test_a_figure_of_effects_needs_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = str(MODELS / "impact_bar" / "scene.toml")
+    assert main(["explain", scene, "--figure", str(tmp_path / "a.png")]) == 2
+    assert "add --run" in capsys.readouterr().err
+    assert main(["explain", scene, "--run", "--figure", str(tmp_path / "a.txt")]) == 2
+    assert not list(tmp_path.iterdir())

@@ -98,7 +98,7 @@ def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path
     assert 0.5 * size < 1e6 * float(told[1]) < 2.0 * size
 
 
-@pytest.mark.parametrize("python", [[], ["--python"]])
+@pytest.mark.parametrize("python", [[], pytest.param(["--python"], marks=pytest.mark.slow)])
 def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, capsys, python):
     """Laws of the scene act in the FMU; an input does when it is set; without both there is a warning."""
     target, out = tmp_path / "blocks.fmu", tmp_path / "out.csv"

@@ -14,7 +14,7 @@ from tests.verification.test_thrown_assembly import bolted, with_floor
 H = 5e-6
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("compiled", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_fmu_falls_as_the_session_does(opened, fmi, tmp_path, compiled):
     if compiled and library.loaded() is None:
         pytest.skip("no library of kernels here")

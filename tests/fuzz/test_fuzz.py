@@ -37,7 +37,7 @@ NAMES = (
     "tree",
 )
 SECONDS = 5  # of processor time for one input
-QUICK, SLOW = 20, 20_000  # inputs of each format; in all
+QUICK, SLOW = 10, 20_000  # inputs of each format; in all
 STORED = {"results": 300, "study": 300, "checkpoint": 300, "whole_fmu": 100}
 """Damaged files that the package wrote, in the slow tests; a thirtieth of them in the quick ones."""
 

@@ -75,6 +75,7 @@ def pressed(folder: Path, per_width: int) -> np.ndarray:
     return np.array(shares)
 
 
+@pytest.mark.slow
 def test_crown_pressed_as_hertz(tmp_path: Path) -> None:
     """Area and largest pressure within 2 % at every force; the area counted by points to half an element around."""
     coarse, fine = (np.abs(pressed(tmp_path, n)) for n in (4, 8))

@@ -78,7 +78,7 @@ def test_they_are_the_motions_of_the_nodes(tmp_path: Path) -> None:
     assert energy == pytest.approx(np.einsum("ij,ij->j", x, stiffness @ x), rel=1e-12)
 
 
-@pytest.mark.parametrize("propagator", ["direct", "modal"])
+@pytest.mark.parametrize("propagator", ["direct", pytest.param("modal", marks=pytest.mark.slow)])
 def test_no_answer_depends_on_them(propagator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     march = {"type": "modal", "highest": 1e6} if propagator == "modal" else {"type": "direct"}
     scene = stacked(tmp_path, propagator=march)

@@ -231,7 +231,8 @@ def shaken_plate(tolerance: float, **more: Any) -> Tables:
 
 def test_a_plate_that_its_weight_presses_is_trustworthy() -> None:
     """Points have sunk by more than the elastic approach, which takes no force from a weight; the force is right."""
-    solution = solve(shaken_plate(1e-4))
+    # at 1e-4 the last bits of a BLAS decide whether all points open for an instant
+    solution = solve(shaken_plate(1e-5))
     history = solution.interfaces["table"]
     approach = 0.01 * 0.765e3 / 210e9
     assert history.sunk().max() > 0.01 * approach
@@ -243,14 +244,14 @@ def test_a_plate_that_its_weight_presses_is_trustworthy() -> None:
 def test_a_plate_whose_force_strays_is_told() -> None:
     """By four parts in a hundred at single instants, by one in the mean over two steps (the mass times the second
     difference of the gap)."""
-    solution = solve(shaken_plate(8e-4))
+    solution = solve(shaken_plate(6e-4))
     history = solution.interfaces["table"]
     stray = np.abs(history.normal_resultant() / WEIGHT - 1.0)
     assert 0.01 < stray.max() < 0.1
     (warning,) = [w for w in solution.warnings if w.code == "sinking"]
     assert solution.trustworthy
     assert "interface table: its sides, pressed together by loads alone" in warning
-    assert "reduce solver.tolerance, for example to 8e-05" in warning
+    assert "reduce solver.tolerance, for example to 6e-05" in warning
     assert history.gap is not None
     told = number(r"force between them by ([\d.]+) %", warning)
     moved = np.diff(history.gap @ history.areas, n=2, axis=0) / history.areas.sum() / 1e-4**2
