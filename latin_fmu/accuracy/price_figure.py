@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ..pictures.style import DISTINCT, styled
 from ..results.prices import TARGETS, Price, cpu_time
@@ -145,9 +145,9 @@ def _stars(axes: Axes, study: Study, quantity: str) -> None:
         place = row.run.cpu, _shown_error(study.error(row, quantity))
         label = "cheapest run for an error of 5, 2, 1 %" if i == 0 else None
         axes.plot(*place, "*", color=_STAR, markersize=15, label=label, zorder=6)
-        axes.annotate(
-            text, place, (8, 8 + 2 * i), textcoords="offset points", fontsize=8, color=_STAR, zorder=7, va="bottom"
-        )
+        box = {"facecolor": "white", "alpha": 0.8, "pad": 1.0, "linewidth": 0}
+        style: dict[str, Any] = {"fontsize": 8, "color": _STAR, "va": "bottom", "zorder": 7, "bbox": box}
+        axes.annotate(text, place, (8, 8 + 2 * i), textcoords="offset points", **style)
     texts = [(missed, "not reached"), (unknown, "the reference is not as accurate")]
     lines = [f"{_listed(targets)}: {why}" for targets, why in texts if targets]
     corner = {"ha": "right", "va": "top", "fontsize": 8, "color": _STAR, "transform": axes.transAxes}
