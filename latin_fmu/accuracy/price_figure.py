@@ -48,7 +48,10 @@ def price_figure(studies: Sequence[Study], quantities: Sequence[str] = ()) -> Fi
     for axes in panels[: len(shown)]:
         handles, labels = axes.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=3, fontsize=8)
+    rule = "star: this run and all finer ones of its line are within that error, with the error of the reference added"
+    rule = f"{rule}\nelements, steps x 2: twice as many along an edge, and in time"
+    look: dict[str, Any] = {"fontsize": 8, "title_fontsize": 8, "ncols": 3}
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", title=rule, **look)
     return figure
 
 

@@ -42,17 +42,17 @@ class Price:
 
     @property
     def setting(self) -> str:
-        """What changes, in words.
+        """What changes, in words: numbers of elements along an edge and of time steps over those of the run.
 
         >>> Price(0.01, mesh=2.0, steps=1.0, cpu=3.0).setting, Price(0.01, mesh=1.5, steps=1.5, cpu=2.0).setting
-        ('mesh x 2', 'mesh, steps x 1.5')
+        ('elements x 2', 'elements, steps x 1.5')
         """
         mesh, steps = f"{self.mesh:.2g}", f"{self.steps:.2g}"
         if mesh == steps == "1":
             return AS_IT_IS
         if mesh == steps:
-            return f"mesh, steps x {mesh}"
-        parts = [f"{name} x {factor}" for name, factor in (("mesh", mesh), ("steps", steps)) if factor != "1"]
+            return f"elements, steps x {mesh}"
+        parts = [f"{name} x {factor}" for name, factor in (("elements", mesh), ("steps", steps)) if factor != "1"]
         return ", ".join(parts)
 
     @property

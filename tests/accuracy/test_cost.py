@@ -114,8 +114,8 @@ def test_the_figure_shows_three_ways_the_run_and_its_stars(linear: Study) -> Non
     # 10, 5, 2.5, 1.25 %, each with the error of the tolerance
     assert together.get_ydata() == pytest.approx([10.03, 5.03, 2.53, 1.28])
     texts = "\n".join(text.get_text() for text in axes.texts)
-    assert "5 %: 4 s\nmesh, steps x 2" in texts
-    assert "2 %: 16 s\nmesh, steps x 4" in texts
+    assert "5 %: 4 s\nelements, steps x 2" in texts
+    assert "2 %: 16 s\nelements, steps x 4" in texts
     assert "1 %: not reached" in texts
 
 

@@ -162,7 +162,7 @@ def test_prices_of_a_long_run_are_split_between_mesh_and_steps(monkeypatch: pyte
 def test_settings_in_words() -> None:
     assert Price(0.01, 1.0, 2.0).setting == "steps x 2"
     assert Price(0.01, 1.0, 1.0, cpu=3.0).text == "reached"
-    assert Price(0.01, 2.0, 1.0, cpu=300.0).text == "5 min (mesh x 2)"
+    assert Price(0.01, 2.0, 1.0, cpu=300.0).text == "5 min (elements x 2)"
 
 
 def test_a_margin_has_an_absolute_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
