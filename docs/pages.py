@@ -32,7 +32,7 @@ WIDTH = 88
 PARTS = {
     "Bodies": ("material", "damping", "mesh", "substructure", "temperature"),
     "Joints": ("interface", "contact", "bolt", "spring", "coupling", "point_mass"),
-    "Loads and supports": ("load", "boundary", "gravity", "port"),
+    "Loads and supports": ("load", "boundary", "gravity", "rotation", "port"),
     "Time and solver": ("time", "motion", "initial_state", "solver", "effects", "accuracy"),
     "Sensors and output": ("sensor", "limit", "output", "fmu"),
 }

@@ -43,7 +43,7 @@ from ..scene.attachments import End, PointMass
 from ..scene.fields import ALL_OF_IT, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
-from .body import AddedMass, Body
+from .body import AddedMass, Body, RigidFace
 
 
 @dataclass(frozen=True)
@@ -295,11 +295,12 @@ def _rods(ends: list[PlaceOnBody], point: Array, length: float, area: float) -> 
 
 def with_rigid_faces(scene: Scene, bodies: dict[str, Body]) -> dict[str, Body]:
     """The bodies with the faces that couplings make rigid; every face of a rigid body is so already."""
-    faces: dict[str, list[str]] = {}
+    faces: dict[str, list[RigidFace]] = {}
     for coupling in scene.coupling.values():
         for end in coupling.ends if coupling.rigid else ():
             if end.face is not None and not bodies[end.body].rigid:
-                faces.setdefault(end.body, []).append(split_face(end.face)[1])
+                rigid = RigidFace(split_face(end.face)[1], coupling.components)
+                faces.setdefault(end.body, []).append(rigid)
     return {n: replace(b, rigid_faces=tuple(dict.fromkeys(faces.get(n, ())))) for n, b in bodies.items()}
 
 

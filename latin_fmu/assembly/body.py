@@ -185,6 +185,20 @@ class AddedMass:
 
 
 @dataclass(frozen=True)
+class RigidFace:
+    """A face or node set whose nodes move as those of a rigid body.
+
+    Attributes
+    ----------
+    face : its name on the body. components : motions, out of x, y, z and the rotations rx, ry, rz, that the nodes have
+    along the axes that are named; along the other axes they are free.
+    """
+
+    face: str
+    components: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Body:
     """One substructure: its mesh in its place, shape (shared by equal bodies), faces, point masses, rigid faces."""
 
@@ -193,7 +207,7 @@ class Body:
     shape: Shape
     description: Substructure
     added: AddedMass | None = None
-    rigid_faces: tuple[str, ...] = ()
+    rigid_faces: tuple[RigidFace, ...] = ()
     units: UnitSystem = SI
     """Of the scene, for messages."""
     touching: str = ALL_OF_IT
@@ -279,7 +293,7 @@ class Body:
     def rigid_nodes(self) -> Index:
         """Nodes of the faces that move as rigid bodies."""
         # an empty array first: bodies without rigid faces have none to join
-        return np.unique(np.concatenate([np.zeros(0, np.int64), *(self.facets(f).nodes for f in self.rigid_faces)]))
+        return np.unique(np.concatenate([np.zeros(0, np.int64), *(self.nodes_of(f.face) for f in self.rigid_faces)]))
 
     @property
     def rigid(self) -> bool:

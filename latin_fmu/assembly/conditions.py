@@ -22,7 +22,7 @@ from ..fem.mesh import Array, Index, nearest
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
 from ..scene.fields import split_face
-from ..scene.ports import Port
+from ..scene.ports import COMPONENTS, TRANSLATIONS, Port
 from .body import Body
 from .supports import (
     FLAT,
@@ -378,28 +378,33 @@ def conditions_on(
 
 
 def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Conditions:
-    """The conditions with the nodes of each rigid face on the rigid motions that their held directions leave."""
+    """The conditions with the nodes of each rigid face on the rigid motions that their held directions leave, along the
+    axes of its components."""
     expansion = nodal.expansion
     # dofs that stand for several ones: periodic faces
     copies = np.bincount(expansion.indices, minlength=expansion.shape[1])
     taken = np.zeros(body.full_size(), dtype=bool)
     blocks = []
-    for face in body.rigid_faces:
-        nodes = body.facets(face).nodes
-        dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+    for rigid in body.rigid_faces:
+        nodes = body.nodes_of(rigid.face)
+        axes = [i for i, axis in enumerate(TRANSLATIONS) if axis in rigid.components]
+        dofs = (3 * nodes[:, None] + np.array(axes)).ravel()
         rows = sp.csr_array(expansion[dofs])
         inclined = nodal.turned is not None and bool(np.isin(dofs, nodal.turned[2]).any())
         if taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any() or inclined:
             what = "a rigid face shares nodes with another rigid face, a driven face, an inclined or a periodic one"
             remedy = "omit rigid for this face: a distributing coupling may share nodes"
-            problems.add("coupling", what, f"{body.name}.{face}", remedy=remedy)
+            problems.add("coupling", what, f"{body.name}.{rigid.face}", remedy=remedy)
             continue
         taken[dofs] = True
         places = body.mesh.nodes[nodes]
         centre = places.mean(axis=0)
-        # translations and rotations, these divided by the size: entries of order one
-        modes = rigid_modes(places, centre, float(np.abs(places - centre).max()))
-        columns = modes @ _null_space(modes[np.diff(rows.indptr) == 0])  # rows without entry: held
+        # translations and rotations, these divided by the size: entries of order one; a point alone has none
+        size = float(np.abs(places - centre).max()) or 1.0
+        chosen = [i for i, component in enumerate(COMPONENTS) if component in rigid.components]
+        modes = rigid_modes(places, centre, size).reshape(len(nodes), 3, 6)[:, axes][:, :, chosen]
+        modes = modes.reshape(len(dofs), len(chosen))
+        columns = _independent(modes @ _null_space(modes[np.diff(rows.indptr) == 0]))  # rows without entry: held
         columns[np.abs(columns) < _ROUND_OFF] = 0.0
         wide = sp.coo_array(columns)
         shape = (body.full_size(), columns.shape[1])
@@ -458,14 +463,26 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     return RigidConditions(expansion, np.eye(n_full)[:, n_free:], nodal.motions, dashpots, dashpots, rigid, basis)
 
 
+def _independent(columns: Array) -> Array:
+    """The columns without those that the others make up: rotations about the line that all nodes of an edge lie on, or
+    that move nothing along the axes that count."""
+    if not columns.size:
+        return columns
+    factor, pivots = la.qr(columns, mode="r", pivoting=True)
+    sizes = np.abs(np.diag(factor))
+    rank = int((sizes > _ROUND_OFF * max(float(sizes.max()), 1e-300)).sum())
+    return np.asarray(columns[:, np.sort(pivots[:rank])])
+
+
 def _null_space(rows: Array) -> Array:
-    """Null space (6, n) of the rows by reduced row echelon form: each motion has one unit entry."""
+    """Null space (m, n) of the rows (k, m) by reduced row echelon form: each motion has one unit entry."""
+    count = rows.shape[1]
     if not len(rows):
-        return np.eye(6)
-    reduced = la.qr(rows, mode="r")[0][:6].copy()  # six rows at most, of the same null space
+        return np.eye(count)
+    reduced = la.qr(rows, mode="r")[0][:count].copy()  # as many rows at most, of the same null space
     pivots: list[int] = []
     row = 0
-    for column in range(6):
+    for column in range(count):
         if row == len(reduced):
             break
         best = row + int(np.argmax(np.abs(reduced[row:, column])))
@@ -479,8 +496,8 @@ def _null_space(rows: Array) -> Array:
         reduced[others] -= np.outer(reduced[others, column], reduced[row])
         pivots.append(column)
         row += 1
-    free = [c for c in range(6) if c not in pivots]
-    space = np.eye(6)[:, free]
+    free = [c for c in range(count) if c not in pivots]
+    space = np.eye(count)[:, free]
     space[pivots] = -reduced[: len(pivots), free]
     return np.where(np.abs(space) < _ROUND_OFF, 0.0, space)
 

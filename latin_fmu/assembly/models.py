@@ -559,6 +559,11 @@ class BodyVolume:
         return self.body.mesh.size
 
     @property
+    def places(self) -> Array:
+        """Nodes (n_node, 3), m."""
+        return self.body.mesh.nodes
+
+    @property
     def density(self) -> float:
         """Mass per volume, kg m-3."""
         return self.body.shape.material.density
@@ -580,11 +585,15 @@ class BodyVolume:
             return np.asarray(shape.lumped_mass * acceleration)
         return shape.body_load(force)
 
-    def weight(self, acceleration: Sequence[float]) -> Array:
-        """Nodal forces (3 n_node,) of an acceleration, m s-2, on all the mass of the body, N."""
-        everywhere, layer, body = np.tile(acceleration, self.body.mesh.n_node), self.layer, self.body
+    def weight(self, acceleration: Sequence[float] | Array) -> Array:
+        """Nodal forces (3 n_node,) of an acceleration (3,) or (n_node, 3), m s-2, on all the mass of the body, N."""
+        layer, body = self.layer, self.body
+        everywhere = np.broadcast_to(acceleration, (body.mesh.n_node, 3)).ravel()
         if layer is not None:
             return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
+        if np.ndim(acceleration) > 1:
+            return np.asarray(body.mass @ everywhere)
+        # the same without the matrix
         own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
         if body.added is None:
             return own

@@ -107,10 +107,12 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
 
 
 def _takes_points(scene: Scene, where: str) -> bool:
-    """Whether what names a face takes an edge or a point: a support, a load on nodes."""
+    """Whether what names a face takes an edge or a point: a support, a load on nodes, nodes that move as one."""
     table, name = where.split(".")[:2]
     if table == "boundary":
         return isinstance(scene.boundary[name], Fixed)
+    if table == "coupling":
+        return len(scene.coupling[name].ends) == 1
     return table == "load" and scene.load[name].kind is NodalLoad
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -102,7 +103,7 @@ def _with_axes(deck: Translation, name: str, keys: dict[str, Any]) -> dict[str, 
 
 def _heavy(deck: Translation) -> bool:
     """Whether a density counts."""
-    return deck.inertia or any(quantity.kind == "gravity" for quantity in deck.histories)
+    return deck.inertia or any(quantity.kind in ("gravity", "rotation") for quantity in deck.histories)
 
 
 def _ordered(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -310,6 +311,7 @@ def add_loads(deck: Translation, axis: Axis) -> None:
     _add_surface_loads(deck, axis)
     _add_nodal_forces(deck, axis)
     _add_gravity(deck, axis)
+    _add_rotations(deck, axis)
     _add_temperatures(deck, axis)
     _add_motions(deck, axis)
 
@@ -419,6 +421,29 @@ def _add_gravity(deck: Translation, axis: Axis) -> None:
         body["body_force"] = [tidy(density * x) for x in vector]
         if law is not None:
             body["body_force_law"] = dict(law)
+
+
+def _add_rotations(deck: Translation, axis: Axis) -> None:
+    """A table for bodies that turn alike; the deck has the square of their speed."""
+    alike: dict[str, tuple[dict[str, Any], list[str]]] = {}
+    for quantity, history in _of_kind(deck, "rotation"):
+        amount, law, _ = axis.law(history)
+        if amount == 0.0:
+            continue
+        table = _with_law(
+            {
+                "angular_velocity": tidy(math.sqrt(amount)),
+                "axis": [tidy(x) for x in quantity.direction],
+                "point": list(quantity.point),
+            },
+            law,
+        )
+        alike.setdefault(json.dumps(table), (table, []))[1].append(quantity.target)
+    for table, parts in alike.values():
+        if len(parts) == len(deck.parts):
+            deck.add("rotation", "all", table)
+        else:
+            deck.add("rotation", "_".join(parts), {"substructures": parts, **table})
 
 
 def _add_temperatures(deck: Translation, axis: Axis) -> None:

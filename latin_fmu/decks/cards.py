@@ -100,7 +100,6 @@ LEFT_OUT: Final[Mapping[str, str]] = MappingProxyType(
 _PLASTICITY: Final = "materials are elastic here: stresses above yield would be too large"
 _THIN: Final = "thin parts are meshed with solids here"
 _HEAT: Final = "heat is not computed; temperatures that are known are *TEMPERATURE"
-_ROTATION: Final = "forces of rotation grow with the distance from the axis, loads of a scene are even over a body"
 _CHANGES: Final = "contact that changes from step to step"
 _JOINTS: Final = "write the mesh of a scene with [spring.NAME] or [point_mass.NAME]"
 _COUPLED: Final = (
@@ -140,7 +139,6 @@ REFUSED: Final[Mapping[str, str]] = MappingProxyType(
         "SENSITIVITY": "derivatives are those of output.sensitivities of a scene",
         "DESIGN VARIABLES": "derivatives are those of output.sensitivities of a scene",
         "OBJECTIVE": "derivatives are those of output.sensitivities of a scene",
-        "CENTRIF": _ROTATION,
         "MODEL CHANGE": _CHANGES,
         "CHANGE FRICTION": _CHANGES,
         "CHANGE SURFACE BEHAVIOR": _CHANGES,

@@ -52,7 +52,7 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
                     "contact",
                     "boundary",
                 ),
-                *("load", "gravity", "temperature", "bolt", "sensor", "time", "output"),
+                *("load", "gravity", "rotation", "temperature", "bolt", "sensor", "time", "output"),
             ),
             {
                 "units": "a deck has none: give them when it is read, latin-fmu import --units",

@@ -18,6 +18,7 @@ from ..fem.mesh import Array
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.loads import Load
+from ..scene.substructures import Rotation
 from ..time_scheme import CentralDifference
 from .card_text import Field, amplitude_card, card
 from .export_draft import EVERY_NODE, DeckDraft
@@ -71,7 +72,9 @@ def load_sets(deck: DeckDraft) -> tuple[list[ActingLoad], list[str]]:
         if not bodies:
             continue
         value = body_load.kind.value(body_load.table)
-        if body_load.kind.strains:
+        if isinstance(body_load.table, Rotation):
+            writer = _rotation(bodies, body_load.table)
+        elif body_load.kind.strains:
             writer = _temperature([deck.part_sets[n] for n in bodies], float(value))
         else:
             density = dict.fromkeys(bodies, 1.0)
@@ -149,6 +152,18 @@ def _accelerations(vectors: dict[str, Array]) -> Writer:
                 rows.append((body, "GRAV", factor * size, *(vector / size).tolist()))
         if rows:
             yield from card("DLOAD", _with_amplitude(amplitude), rows)
+
+    return write
+
+
+def _rotation(bodies: list[str], table: Rotation) -> Writer:
+    """Centrifugal force of bodies: the square of the speed, a point on the axis, its direction."""
+    axis = (np.array(table.axis) / np.linalg.norm(table.axis)).tolist()
+
+    def write(amplitude: str, factor: float) -> Lines:
+        square = factor * table.angular_velocity**2
+        rows = [(body, "CENTRIF", square, *table.point, *axis) for body in bodies]
+        yield from card("DLOAD", _with_amplitude(amplitude), rows)
 
     return write
 

@@ -76,12 +76,14 @@ class DeckQuantity:
     Attributes
     ----------
     kind : of load or motion. target : face, set or body. axis : component, from 0. direction : of a load with one.
+    point : on the axis of a rotation, whose direction that is.
     """
 
     kind: str
     target: str
     axis: int = 0
     direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

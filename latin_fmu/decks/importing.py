@@ -25,7 +25,19 @@ from .translation import LEFT_OUT, USED, CardUse, Translation
 from .units import UnitsOption, units_of
 
 _ORDER: Final = (
-    *("material", "mesh", "substructure", "interface", "contact", "bolt", "boundary", "load", "gravity", "temperature"),
+    *(
+        "material",
+        "mesh",
+        "substructure",
+        "interface",
+        "contact",
+        "bolt",
+        "boundary",
+        "load",
+        "gravity",
+        "rotation",
+        "temperature",
+    ),
     *("time", "solver", "sensor", "output"),
 )
 _HEADING: Final = "the deck cannot be translated"

@@ -281,8 +281,8 @@ def _check_rows(deck: Translation, card: Card, least: int) -> None:
 
 
 def dload(deck: Translation, card: Card) -> None:
-    """*DLOAD: pressures on faces of elements, gravity."""
-    kinds = ("pressure", "gravity")
+    """*DLOAD: pressures on faces of elements, gravity, rotation."""
+    kinds = ("pressure", "gravity", "rotation")
     if _left_with_its_step(deck, card) or not _in_step(deck, card, kinds, _ACTING):
         return
     for group in loaded_groups(card):
@@ -297,13 +297,16 @@ def dload(deck: Translation, card: Card) -> None:
         word = fields[1].upper() if len(fields) > 1 else ""
         if word == "GRAV":
             _gravity(deck, card, i, fields)
+        elif word == "CENTRIF":
+            _rotation(deck, card, i, fields)
         elif not (word[:1] == "P" and word[1:] in "123456" and word[1:]):
-            what = "pressures P1 to P6 and GRAV alone are translated"
+            what = "pressures P1 to P6, GRAV and CENTRIF alone are translated"
             deck.refuse(card, what, ", ".join(fields), "a load that depends on the place is none of a scene", i)
         elif numbers(fields[2:]) is None:
             deck.refuse(card, "a line that cannot be read", ", ".join(fields), row=i)
     words = {fields[1].upper() for _, fields in card.tokens() if len(fields) > 1}
-    made = ["pressure of [load.NAME]"] * bool(words - {"GRAV"}) + ["[gravity]"] * ("GRAV" in words)
+    made = ["pressure of [load.NAME]"] * bool(words - {"GRAV", "CENTRIF"})
+    made += ["[gravity]"] * ("GRAV" in words) + ["[rotation.NAME]"] * ("CENTRIF" in words)
     deck.used(card, ", ".join(made) or "no lines")
 
 
@@ -318,6 +321,22 @@ def _gravity(deck: Translation, card: Card, i: int, fields: list[str]) -> None:
         x, y, z = (np.array(values[1:]) / np.linalg.norm(values[1:])).tolist()
         for part in parts:
             deck.set(DeckQuantity("gravity", part, direction=(x, y, z)), values[0], card)
+
+
+def _rotation(deck: Translation, card: Card, i: int, fields: list[str]) -> None:
+    """CENTRIF: the square of the angular velocity, a point on the axis, its direction."""
+    values = numbers(fields[2:9])
+    parts = deck.parts_of_elements(fields[0]) if fields[0] else list(deck.parts.values())
+    if values is None or len(values) != 7 or not any(values[4:]) or values[0] < 0.0:
+        what = "CENTRIF takes the square of the angular velocity, a point and a direction of three numbers each"
+        deck.refuse(card, what, ", ".join(fields), row=i)
+    elif parts is None:
+        deck.refuse(card, "CENTRIF of element sets that are whole parts alone is translated", fields[0], row=i)
+    else:
+        x, y, z = (np.array(values[4:]) / np.linalg.norm(values[4:])).tolist()
+        for part in parts:
+            quantity = DeckQuantity("rotation", part, direction=(x, y, z), point=(values[1], values[2], values[3]))
+            deck.set(quantity, values[0], card)
 
 
 def dsload(deck: Translation, card: Card) -> None:

@@ -255,5 +255,5 @@ class Translation:
                 history.ended.append(self.number)
 
 
-ADDING: Final = ("nodal_force", "pressure", "traction", "gravity")
+ADDING: Final = ("nodal_force", "pressure", "traction", "gravity", "rotation")
 """Kinds of quantities that add up."""

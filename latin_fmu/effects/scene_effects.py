@@ -211,7 +211,7 @@ def body_force(p: Prediction) -> Effect:
     keys = [load.key for load in p.scene.body_loads if not load.kind.strains]
     none = "substructure.*.body_force"
     reason = "nodal forces times their laws"
-    switch = "a body_force, or [gravity]"
+    switch = "a body_force, [gravity] or a [rotation.NAME]"
     effect = _driven(p, "body force", keys, none, reason, switch)
     if keys:
         return replace(effect, cost=saved(p, replace(p.run, unbalanced=False)))

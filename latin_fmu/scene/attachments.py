@@ -10,6 +10,7 @@ from ..errors import Problem
 from .damping import DampingRatios
 from .fields import GROUND, Direction, Face, Flag, Name, Real, SceneTable, Vector, _as_list, about, refusal, split_face
 from .interfaces import BRANCH, DASHPOT, Interface, side_by_side
+from .ports import COMPONENTS, TRANSLATIONS, Components
 from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, reference_problems
 
 
@@ -195,7 +196,9 @@ class CouplingTable(SceneTable):
     """Two places that move as one, or a face that moves as a rigid body.
 
     Distributing: the mean motions of both places are those of one rigid body; force and moment spread over the faces,
-    which still deform. With `rigid` the faces themselves move as rigid bodies; one end alone is a rigid face.
+    which still deform. With `rigid` the faces themselves move as rigid bodies; one end alone is a rigid face, or with
+    `components` one whose nodes move so along some axes and freely along the others: `["z"]`, all alike along z;
+    `["z", "rx", "ry"]`, a face across z that stays plane.
     """
 
     ends: Annotated[
@@ -207,6 +210,13 @@ class CouplingTable(SceneTable):
     rotations: Annotated[
         Flag, about("whether rotations are coupled as well; otherwise only the first point, as by a ball joint")
     ] = True
+    components: Annotated[
+        Components,
+        about(
+            "of one rigid face or node set: the motions that it has (rx, ry, rz: rotations) along those of the axes x, "
+            "y, z that are named; along the others its nodes are free"
+        ),
+    ] = COMPONENTS
 
     @model_validator(mode="after")
     def _check_coupling(self) -> Self:
@@ -218,6 +228,11 @@ class CouplingTable(SceneTable):
             raise refusal("two points have no rotation to keep them together", remedy="use a spring, or a face")
         if self.rigid and all(end.face is None for end in self.ends):
             raise refusal("no face that could be rigid", remedy="name a face, or omit rigid")
+        if len(self.components) < len(COMPONENTS) and len(self.ends) == 2:
+            remedy = "name one end, or omit components"
+            raise refusal("components are those of one rigid face", value=list(self.components), remedy=remedy)
+        if not set(self.components) & set(TRANSLATIONS):
+            raise refusal("no axis along which the nodes move as one", allowed="one of x, y, z among the components")
         return self
 
     def interfaces(self, name: str) -> dict[str, Interface]:

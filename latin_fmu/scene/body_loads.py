@@ -1,7 +1,7 @@
 """Kinds of loads of whole bodies: each says its tables, nodal forces, size and words itself.
 
-Body forces, gravity and changes of temperature; `Scene.body_loads` are those of a scene. A new kind is a table of the
-scene, a class here and its row in `BODY_LOADS`.
+Body forces, gravity, rotations and changes of temperature; `Scene.body_loads` are those of a scene. A new kind is a
+table of the scene, a class here and its row in `BODY_LOADS`.
 """
 
 from abc import ABC, abstractmethod
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .laws import TimeLaw
 from .raw_scene import named_tables, single_table
-from .substructures import ALL, Gravity, Substructure, Temperature
+from .substructures import ALL, Gravity, Rotation, Substructure, Temperature
 
 Array = NDArray[np.float64]
 Tables = dict[str, Any]
@@ -28,6 +28,10 @@ class LoadedBody(Protocol):
         """Length of the body, m."""
 
     @property
+    def places(self) -> Array:
+        """Nodes (n_node, 3), m."""
+
+    @property
     def density(self) -> float:
         """Mass per volume, kg m-3."""
 
@@ -38,8 +42,8 @@ class LoadedBody(Protocol):
     def volume_forces(self, per_volume: Sequence[float]) -> Array:
         """Forces of a force per volume (3,), N m-3, where the mass of the mesh is."""
 
-    def weight(self, acceleration: Sequence[float]) -> Array:
-        """Forces of an acceleration (3,), m s-2, on all mass."""
+    def weight(self, acceleration: Sequence[float] | Array) -> Array:
+        """Forces of an acceleration (3,) or (n_node, 3), m s-2, on all mass."""
 
     def expansion(self, change: float) -> Array:
         """Forces that strain the free body by a change of temperature, K."""
@@ -195,7 +199,49 @@ class GravityKind(BodyLoadKind):
         return weight * amplitude * body.size
 
 
-class TemperatureKind(BodyLoadKind):
+class ListedBodiesKind(BodyLoadKind):
+    """A load of the bodies that its table lists."""
+
+    def at_rest(self, data: Tables, name: str, still: Sequence[str], law: Tables | None, /) -> None:
+        """Bodies that are left out are not named."""
+        table = data[self.tables][name]
+        everywhere = ALL in table["substructures"]
+        if everywhere:
+            listed = list(still)
+        else:
+            listed = [body for body in still if body in table["substructures"]]
+        super().at_rest(data, name, still, law if listed else None)
+        if not everywhere:
+            table["substructures"] = listed
+
+
+class RotationKind(ListedBodiesKind):
+    """The centrifugal force of bodies that turn."""
+
+    name = "rotation.{}"
+    tables = "rotation"
+    meaning = "the centrifugal force of the rotation {}"
+    unit = "1"  # of the force: a square of speeds has no name among the units of a record
+
+    def value(self, table: Rotation, /) -> float:
+        """The square of the angular velocity."""
+        return float(table.angular_velocity**2)
+
+    def acts_on(self, table: Rotation, _name: str, body: str, _described: Substructure, /) -> bool:
+        """On bodies that it names."""
+        return table.turns(body)
+
+    def nodal_forces(self, table: Rotation, body: LoadedBody, /) -> Array:
+        """Where the mass is, added masses included."""
+        return body.weight(table.acceleration(body.places))
+
+    def largest_traction(self, table: Rotation, body: LoadedBody, amplitude: float, /) -> float:
+        """The largest acceleration over the length of the body."""
+        largest = float(np.linalg.norm(table.acceleration(body.places), axis=1).max())
+        return body.density * largest * amplitude * body.size
+
+
+class TemperatureKind(ListedBodiesKind):
     """A change of temperature of elastic bodies."""
 
     name = "temperature.{}"
@@ -222,20 +268,8 @@ class TemperatureKind(BodyLoadKind):
         expansion, modulus = body.stress_per_kelvin
         return modulus * (abs(table.change) * expansion * amplitude)
 
-    def at_rest(self, data: Tables, name: str, still: Sequence[str], law: Tables | None, /) -> None:
-        """Bodies that are left out are not named."""
-        table = data[self.tables][name]
-        everywhere = ALL in table["substructures"]
-        if everywhere:
-            heated = list(still)
-        else:
-            heated = [body for body in still if body in table["substructures"]]
-        super().at_rest(data, name, still, law if heated else None)
-        if not everywhere:
-            table["substructures"] = heated
 
-
-BODY_LOADS: Final = (BodyForceKind(), GravityKind(), TemperatureKind())
+BODY_LOADS: Final = (BodyForceKind(), GravityKind(), RotationKind(), TemperatureKind())
 """In the order of their terms and inputs."""
 
 

@@ -94,6 +94,9 @@ Temperature    A change of temperature strains a free body by alpha times it. Th
                tightened before it acts: their tension follows from the different expansions of bolt and parts. Stresses
                are those of what is hindered; strains are total, and so is the elastic energy, of which the load of a
                free expansion does the work. Moduli do not depend on temperature.
+Rotation       The centrifugal force is that of the places at t = 0, rho omega^2 r, times the law, with added masses: in
+               statics, a static start and dynamics. It does not grow with displacements, and Coriolis forces are left
+               out, which matter where motions relative to the turning frame are fast.
 Thread         thread = {size = "M5", part = "base", length = 8e-3} bonds shank and hole of a screw from the mouth
                of the hole, chamfers left out, over length and at most over their overlap. The rest of the shank touches
                nothing unless shank = "contact"; of the free shank the core of the thread carries alone (VDI 2230)
@@ -139,7 +142,8 @@ Springs        A spring has no mass. It acts on the motion of its ends: that of 
                directions, write three springs.
 Couplings      A distributing coupling gives the mean motions of two places, translation and rotation, those of one
                rigid body; the faces still deform, and force and moment spread over them by area. With rigid = true
-               the faces move as rigid bodies, as far as their held directions let them. In the results a coupling is
+               the faces move as rigid bodies, as far as their held directions let them; one face alone, or node set,
+               along the axes of its components only, its nodes free along the others. In the results a coupling is
                an interface of six rods about the point of its first end, whose forces N have its resultant and its
                moment; without rotations, or with a point of a solid, of one point. Loads with force, moment and point
                act on a face as through a distributing coupling.

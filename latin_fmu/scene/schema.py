@@ -34,8 +34,10 @@ from .substructures import (
     Gravity,
     MeshParts,
     Motion,
+    Rotation,
     Substructure,
     Temperature,
+    rotation_problems,
     substructure_problems,
     temperature_problems,
 )
@@ -208,6 +210,7 @@ _CHECKS: Final = (
     interface_problems,
     boundary_problems,
     load_problems,
+    rotation_problems,
     temperature_problems,
     bolt_problems,
     _unit_problems,
@@ -275,6 +278,7 @@ class Scene(SceneTable):
     )
     gravity: Annotated[Gravity | None, about("acceleration acting on every body")] = None
     motion: Annotated[Motion | None, about("initial velocity of the assembly at t = 0")] = None
+    rotation: Annotated[dict[Name, Rotation], about("rotations of bodies by name")] = Field(default_factory=dict)
     temperature: Annotated[dict[Name, Temperature], about("changes of temperature by name")] = Field(
         default_factory=dict
     )
@@ -390,8 +394,8 @@ class Scene(SceneTable):
 
     @property
     def force_laws(self) -> dict[str, TimeLaw]:
-        """Laws of everything that acts by forces on nodes: loads by their name (see ``loads``),
-        ``body_force.SUBSTRUCTURE``, ``gravity.acceleration`` and ``temperature.NAME``; a name without dot is a load."""
+        """Laws of all that acts by forces on nodes: loads by their name (see ``loads``), ``body_force.SUBSTRUCTURE``,
+        ``gravity.acceleration``, ``rotation.NAME`` and ``temperature.NAME``; a name without dot is a load."""
         laws: dict[str, TimeLaw] = {name: load.law for name, load in self.loads.items()}
         return laws | {load.name: load.law for load in self.body_loads}
 

@@ -1,4 +1,5 @@
-"""Tables [substructure], [mesh], [temperature], by name, [gravity], [motion]: bodies and what acts all over them."""
+"""Tables [substructure], [mesh], [temperature], [rotation], by name, [gravity], [motion]: bodies and what acts all over
+them."""
 
 import math
 import re
@@ -8,12 +9,14 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ..errors import Problem, shown
 from .fields import (
     GROUND,
     Count,
+    Direction,
     Flag,
     Name,
     Positive,
@@ -323,6 +326,41 @@ class Temperature(SceneTable):
         return self.change != 0.0 and (ALL in self.substructures or substructure in self.substructures)
 
 
+class Rotation(SceneTable):
+    """Centrifugal force of bodies that turn about an axis: rho omega^2 r per volume, away from the axis, times a law.
+
+    Bodies are described in the frame that turns with them, on their places at t = 0: the force does not grow with their
+    displacements, and motions relative to that frame have no Coriolis force. The law multiplies the force, which grows
+    with the square of the speed.
+    """
+
+    substructures: Annotated[
+        tuple[Text, ...],
+        BeforeValidator(_all_or_listed),
+        about('substructures that turn; "*": all of them'),
+        Field(min_length=1),
+    ] = (ALL,)
+    angular_velocity: Annotated[Real, about("angular velocity omega", "rad s-1", gt=0)]
+    axis: Annotated[Direction, about("direction of the axis", "1")]
+    point: Annotated[Vector, about("a point on the axis", "m")] = (0.0, 0.0, 0.0)
+    law: Annotated[Law, about("time law a(t) of the force")] = ConstantLaw()
+
+    def acceleration(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Centrifugal acceleration (n, 3), m s-2, of places (n, 3), m: omega^2 times their distance from the axis.
+
+        >>> Rotation(angular_velocity=10.0, axis=[0, 0, 2]).acceleration(np.array([[0.3, 0.0, 5.0]])).tolist()
+        [[30.0, 0.0, 0.0]]
+        """
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        arms = places - np.array(self.point)
+        radial: NDArray[np.float64] = arms - np.outer(arms @ axis, axis)
+        return self.angular_velocity**2 * radial
+
+    def turns(self, substructure: str) -> bool:
+        """Whether this substructure turns."""
+        return ALL in self.substructures or substructure in self.substructures
+
+
 # -- checks of these tables with each other and with others ---
 def substructure_problems(raw: Any, base_dir: Path | None) -> Iterator[Problem]:
     """Problems of the substructures of a scene as written; their faces are checked with the meshes."""
@@ -374,6 +412,14 @@ def _is_file(base_dir: Path, name: str) -> bool:
         return (base_dir / name).is_file()
     except (OSError, ValueError):  # a name the system refuses, e.g. too long or with a null character
         return False
+
+
+def rotation_problems(raw: Any) -> Iterator[Problem]:
+    """Names of bodies that turn, of a scene as written, that are not there."""
+    for name, table in named_tables(raw, "rotation").items():
+        for i, body in enumerate(text_list(table.get("substructures"))):
+            if body != ALL:
+                yield from reference_problems(raw, f"rotation.{name}.substructures[{i}]", "substructure", body)
 
 
 def temperature_problems(raw: Any) -> Iterator[Problem]:

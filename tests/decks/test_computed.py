@@ -53,6 +53,8 @@ STATIC = {
     "pressure on elements": one_block(BAR) + STEEL + HELD + static("*DLOAD\n13, P2, 3.\n14, P2, 5.\n" + OUTPUT),
     "pressure on a surface": one_block(BAR) + STEEL + HELD + static("*DSLOAD\nUP, P, 7.\n" + OUTPUT),
     "gravity": one_block(BAR) + STEEL + HELD + static("*DLOAD\nBLOCK, GRAV, 9810., 1., 0., -1.\n" + OUTPUT),
+    "rotation": one_block(BAR) + STEEL + HELD
+    + static("*DLOAD\nBLOCK, CENTRIF, 1e7, 30., 0., 5., 1., 2., 0.\n" + OUTPUT),
     "displaced nodes": one_block(BAR) + STEEL + HELD + static("*BOUNDARY\nTOP, 1, 1, 0.1\nTOP, 3, 3, -0.2\n" + OUTPUT),
     "heat": one_block(BAR)
     + STEEL

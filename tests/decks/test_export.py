@@ -103,6 +103,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "force off the middle": bar(load=push(force=[30.0, 0.0, 5.0], point=[0.0, 0.0, 40.0])),
     "forces on nodes": bar(load=push(nodal_force=[1.0, 0.0, 2.0])),
     "gravity": bar(gravity={"acceleration": [0.0, 9810.0, 1.0], "law": RAMP}),
+    "rotation": bar(rotation={"spin": {"angular_velocity": 3e3, "axis": [1, 1, 0], "point": [0, 9, 0], "law": RAMP}}),
     "a driven face": bar(
         boundary={
             "hold": {"type": "fixed", "face": "bar.zmin"},

@@ -147,6 +147,62 @@ def test_a_rigid_edge_on_a_symmetry_plane_keeps_what_the_plane_leaves() -> None:
     assert model.expansion.shape[1] == 3 * body.mesh.n_node - held - (3 * len(nodes) - 3) + 4
 
 
+@pytest.mark.parametrize(
+    ("components", "load", "alike"),
+    [
+        # a weight off the centre bends a face that may stay plane, and not one whose nodes move alike
+        (["x"], {"force": [1e4, 0.0, 0.0], "point": [0.1, 0.08, 0.05]}, ["x"]),
+        (["x", "rz"], {"force": [1e4, 0.0, 0.0], "point": [0.1, 0.08, 0.05]}, []),
+        (["y", "z"], {"force": [0.0, 3e4, -2e4]}, ["y", "z"]),
+    ],
+)
+def test_nodes_that_move_as_one_along_some_axes(components: list[str], load: dict[str, Any], alike: list[str]) -> None:
+    """The force passes through, the face is even along the axes of the components and strained along the others."""
+    scene = cubes(
+        {"ends": ["b0.xmax"], "rigid": True, "components": components},
+        rigid=(False,),
+        load={"pull": {"face": "b0.xmax", **load}},
+    )
+    outcome = latin_fmu.solve(scene)
+    body = discretise(scene).bodies["b0"]
+    nodes = body.facets("xmax").nodes
+    moved = outcome.substructures["b0"].displacement[-1]
+    size = np.abs(moved).max()
+    for i, axis in enumerate("xyz"):
+        even = np.ptp(moved[nodes, i]) < 1e-9 * size
+        assert even == (axis in alike), axis
+    if "rz" in components:
+        lever = np.stack([np.ones(len(nodes)), body.mesh.nodes[nodes, 1]], axis=1)
+        rest = moved[nodes, 0] - lever @ np.linalg.lstsq(lever, moved[nodes, 0], rcond=None)[0]
+        assert np.abs(rest).max() < 1e-9 * size
+        assert np.ptp(moved[nodes, 0]) > 1e-2 * size
+
+
+def test_nodes_that_move_alike_stretch_a_bar_by_hooke() -> None:
+    """Pulled at one node, all nodes of the face alike along x, its sides free: u = F L / (E A) with Poisson's ratio."""
+    boundary = {a: {"type": "symmetry", "face": f"b0.{a}min"} for a in "xyz"}
+    load = {"pull": {"face": "b0.xmax", "force": [2e4, 0.0, 0.0], "point": [0.1, 0.02, 0.09]}}
+    coupling = {"ends": ["b0.xmax"], "rigid": True, "components": ["x"]}
+    scene = cubes(coupling, rigid=(False,), boundary=boundary, load=load)
+    moved = latin_fmu.solve(scene).substructures["b0"].displacement[-1]
+    stretch = 2e4 / (E * EDGE**2)
+    exact = stretch * np.array([1.0, -0.3, -0.3]) * discretise(scene).bodies["b0"].mesh.nodes
+    np.testing.assert_allclose(moved, exact, atol=1e-9 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    ("coupling", "words"),
+    [
+        ({"ends": ["b0.xmax", "b1.xmin"], "components": ["x"], "rigid": True}, "those of one rigid face"),
+        ({"ends": ["b0.xmax"], "components": ["rx"], "rigid": True}, "no axis along which the nodes move as one"),
+        ({"ends": ["b0.xmax"], "components": ["x", "x"], "rigid": True}, "one to six different ones"),
+    ],
+)
+def test_bad_components_are_refused(coupling: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        cubes(coupling)
+
+
 def test_a_sensor_on_an_arm_follows_the_face() -> None:
     """A rigid body that spins: velocity and displacement of a point off it; an elastic one: the mean motion's."""
     sensor = {"s": {"face": "b0.zmax", "point": [0.3, 0.2, 0.5]}}
