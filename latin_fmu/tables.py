@@ -77,6 +77,7 @@ from .scene.settings import RowTable as Row
 from .scene.substructures import BoxTable as Box
 from .scene.substructures import Gravity, MeshFile, MeshParts, Motion, Substructure, Temperature
 from .scene.substructures import ModalDampingTable as ModalDamping
+from .scene.substructures import RotationTable as Rotation
 
 __all__ = [
     "HHT",
@@ -144,6 +145,7 @@ __all__ = [
     "PsdLaw",
     "RectangularPulseLaw",
     "ReducedPropagator",
+    "Rotation",
     "Row",
     "Sensor",
     "Solver",

@@ -249,6 +249,8 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
     """Interfaces that stand for the couplings of a scene; bad places are added to ``problems``."""
     units = []
     for name, coupling in scene.coupling.items():
+        if len(coupling.ends) < 2:
+            continue  # it joins nothing, and may be an edge or a point, which have no place
         where = f"coupling.{name}"
         ends = [_end(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(coupling.ends)]
         faces = [end for end in ends if end is not None]

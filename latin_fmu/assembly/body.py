@@ -159,7 +159,7 @@ class Shape:
         return Recovery(self.elements, self.elasticity, self.bending_modes)
 
     def body_load(self, force: Array) -> Array:
-        """Nodal forces (3 n_node,) of a uniform body force, N."""
+        """Nodal forces (3 n_node,), N, of a body force, N m-3: uniform (3,), or its values at the nodes (n_node, 3)."""
         return body_load(self.elements, force)
 
     @property

@@ -591,9 +591,6 @@ class BodyVolume:
         everywhere = np.broadcast_to(acceleration, (body.mesh.n_node, 3)).ravel()
         if layer is not None:
             return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
-        if np.ndim(acceleration) > 1:
-            return np.asarray(body.mass @ everywhere)
-        # the same without the matrix
         own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
         if body.added is None:
             return own

@@ -19,15 +19,14 @@ from ..mesh_files.deck_card import Card
 from ..mesh_files.deck_model import HeldSet
 from ..mesh_files.deck_scene import axes_at, held_tables, set_named, with_model
 from ..scene.substructures import part_name
-from .histories import DeckHistory, DeckQuantity, DeckStep, Points, common_step, law_of, shifted, tidy
-from .translation import LEFT_OUT, CardUse, Translation
+from .histories import DeckHistory, DeckQuantity, DeckStep, Law, Points, common_step, law_of, shifted, tidy
+from .reference_tables import add_references
+from .translation import LEFT_OUT, MOTIONS, CardUse, Translation
 
 _TIGHTENING: Final = ("bolt_force", "bolt_shift")
-_MOTIONS: Final = ("displacement", "velocity", "acceleration")
 _PLAIN: Final = ("C3D4", "C3D10", "C3D8", "C3D8I", "C3D20", "C3D20R", "C3D27", "C3D6", "C3D15", "C3D5", "C3D13")
 """Types of elements that a body has as they are in the deck."""
 _WAVE_SPEED: Final = 5000.0  # m/s, of metals: for a density that nothing depends on
-Law = Mapping[str, Any] | None
 
 
 # -- bodies -----------------------------------------------------------------------------------------------------------
@@ -118,7 +117,7 @@ def _add_types(deck: Translation) -> None:
     mixed = _add_reduced(deck)
     for name, place in deck.model.element_types.items():
         kind = element_type(name)
-        if name in _PLAIN and name not in mixed:
+        if (name in _PLAIN and name not in mixed) or name == "DCOUP3D":  # that of *DISTRIBUTING COUPLING
             continue
         if kind is not None and kind[0] in CORNERS:
             text = f"{name}: integrated fully here, stiffer in bending and shear than its own rule"
@@ -315,6 +314,14 @@ def add_loads(deck: Translation, axis: Axis) -> None:
     _add_temperatures(deck, axis)
     _add_motions(deck, axis)
 
+    def law_of_reference(quantity: DeckQuantity, history: DeckHistory) -> tuple[float, Law, Points]:
+        found = axis.law(history)
+        if quantity.kind in MOTIONS:
+            _check_motion(deck, axis, quantity, history, found[2])
+        return found
+
+    add_references(deck, law_of_reference)
+
 
 def _key(law: Law) -> str:
     return json.dumps(law)
@@ -327,8 +334,10 @@ def _with_law(table: dict[str, Any], law: Law) -> dict[str, Any]:
 
 
 def _of_kind(deck: Translation, *kinds: str) -> Iterator[tuple[DeckQuantity, DeckHistory]]:
+    """Quantities of some kinds on sets and bodies; those of reference nodes are ``reference_tables``'s."""
+    elsewhere = {reference.key for reference in deck.reference_nodes}
     for quantity, history in deck.histories.items():
-        if quantity.kind in kinds and history.settings:
+        if quantity.kind in kinds and history.settings and quantity.target not in elsewhere:
             yield quantity, history
 
 
@@ -336,7 +345,7 @@ def _refuse_overlaps(deck: Translation) -> None:
     """Refuse nodes that two sets move or load differently: the last one of a deck counts, in a scene there is none."""
     owners: dict[tuple[str, int], np.ndarray] = {}
     names: list[tuple[DeckQuantity, DeckHistory]] = []
-    for quantity, history in _of_kind(deck, "nodal_force", *_MOTIONS):
+    for quantity, history in _of_kind(deck, "nodal_force", *MOTIONS):
         family = "force" if quantity.kind == "nodal_force" else "motion"
         owner = owners.setdefault((family, quantity.axis), np.full(len(deck.content.points), -1))
         rows = deck.rows(quantity.target)
@@ -478,7 +487,7 @@ def _add_motions(deck: Translation, axis: Axis) -> None:
     grouped: dict[tuple[str, str, str], dict[int, float]] = {}
     laws: dict[str, Law] = {}
     cards: dict[str, Card] = {}
-    for quantity, history in _of_kind(deck, *_MOTIONS):
+    for quantity, history in _of_kind(deck, *MOTIONS):
         amount, law, points = axis.law(history)
         kind = quantity.kind
         cards[quantity.target] = history.settings[-1].card

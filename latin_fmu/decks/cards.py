@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from ..mesh_files.deck_card import Card
-from . import model_cards, print_cards, step_cards
+from . import model_cards, print_cards, reference_nodes, step_cards
 from .translation import Translation
 
 Translator = Callable[[Translation, Card], None]
@@ -35,6 +35,18 @@ _OUTPUTS: Final = (
     *("NODE PRINT", "NODE FILE", "NODE OUTPUT", "EL PRINT", "EL FILE", "ELEMENT OUTPUT"),
     *("CONTACT PRINT", "CONTACT FILE", "CONTACT OUTPUT", "ENERGY OUTPUT"),
 )
+REFERENCES: Final[Mapping[str, Translator]] = MappingProxyType(
+    {
+        "RIGID BODY": reference_nodes.rigid_body,
+        "COUPLING": reference_nodes.coupling,
+        "KINEMATIC": reference_nodes.kinematic,
+        "DISTRIBUTING": reference_nodes.distributing,
+        "DISTRIBUTING COUPLING": reference_nodes.distributing_coupling,
+        "EQUATION": reference_nodes.equation,
+        "MPC": reference_nodes.equation,
+    }
+)
+"""Those of reference nodes: loads and supports may stand before them."""
 TRANSLATORS: Final[Mapping[str, Translator]] = MappingProxyType(
     {
         **dict.fromkeys(_MESH, _mesh),
@@ -56,7 +68,7 @@ TRANSLATORS: Final[Mapping[str, Translator]] = MappingProxyType(
         "TIE": model_cards.tie,
         "PRE-TENSION SECTION": model_cards.pretension,
         "INITIAL CONDITIONS": model_cards.initial_conditions,
-        "RIGID BODY": model_cards.rigid_body,
+        **REFERENCES,
         "STEP": step_cards.step,
         "END STEP": step_cards.end_step,
         "STATIC": step_cards.static,
@@ -102,14 +114,6 @@ _THIN: Final = "thin parts are meshed with solids here"
 _HEAT: Final = "heat is not computed; temperatures that are known are *TEMPERATURE"
 _CHANGES: Final = "contact that changes from step to step"
 _JOINTS: Final = "write the mesh of a scene with [spring.NAME] or [point_mass.NAME]"
-_COUPLED: Final = (
-    "the unknowns of a reference node are none of a scene: in one for this mesh a force on it is `force` with `point` "
-    "of [load.NAME] on the face, a rigid face [coupling.NAME] with rigid = true"
-)
-_EQUATIONS: Final = (
-    "sums of displacements of single nodes are none of a scene: in one for this mesh faces that move alike are a "
-    "perfect [interface.NAME], a plane of symmetry a [boundary.NAME], a sector [boundary.NAME] of the type periodic"
-)
 REFUSED: Final[Mapping[str, str]] = MappingProxyType(
     {
         "PLASTIC": _PLASTICITY,
@@ -143,12 +147,6 @@ REFUSED: Final[Mapping[str, str]] = MappingProxyType(
         "CHANGE FRICTION": _CHANGES,
         "CHANGE SURFACE BEHAVIOR": _CHANGES,
         "CHANGE CONTACT TYPE": _CHANGES,
-        "MPC": _EQUATIONS,
-        "EQUATION": _EQUATIONS,
-        "COUPLING": _COUPLED,
-        "KINEMATIC": _COUPLED,
-        "DISTRIBUTING": _COUPLED,
-        "DISTRIBUTING COUPLING": _COUPLED,
         "MASS": _JOINTS,
         "SPRING": _JOINTS,
         "DASHPOT": _JOINTS,
@@ -165,7 +163,9 @@ def translate(deck: Translation) -> None:
     model, steps = deck.model.cards[:first], deck.model.cards[first:]
     # pairs may stand before the laws that they name
     pairs = [card for card in model if card.keyword == "CONTACT PAIR"]
-    for card in [*(card for card in model if card.keyword != "CONTACT PAIR"), *pairs, *steps]:
+    references = [card for card in model if card.keyword in REFERENCES]
+    others = [card for card in model if card.keyword != "CONTACT PAIR" and card.keyword not in REFERENCES]
+    for card in [*references, *others, *pairs, *steps]:
         translator = TRANSLATORS.get(card.keyword)
         if translator is not None:
             translator(deck, card)

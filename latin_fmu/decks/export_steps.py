@@ -18,7 +18,7 @@ from ..fem.mesh import Array
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.loads import Load
-from ..scene.substructures import Rotation
+from ..scene.substructures import RotationTable
 from ..time_scheme import CentralDifference
 from .card_text import Field, amplitude_card, card
 from .export_draft import EVERY_NODE, DeckDraft
@@ -72,7 +72,7 @@ def load_sets(deck: DeckDraft) -> tuple[list[ActingLoad], list[str]]:
         if not bodies:
             continue
         value = body_load.kind.value(body_load.table)
-        if isinstance(body_load.table, Rotation):
+        if isinstance(body_load.table, RotationTable):
             writer = _rotation(bodies, body_load.table)
         elif body_load.kind.strains:
             writer = _temperature([deck.part_sets[n] for n in bodies], float(value))
@@ -156,7 +156,7 @@ def _accelerations(vectors: dict[str, Array]) -> Writer:
     return write
 
 
-def _rotation(bodies: list[str], table: Rotation) -> Writer:
+def _rotation(bodies: list[str], table: RotationTable) -> Writer:
     """Centrifugal force of bodies: the square of the speed, a point on the axis, its direction."""
     axis = (np.array(table.axis) / np.linalg.norm(table.axis)).tolist()
 

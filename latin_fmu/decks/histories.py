@@ -8,7 +8,7 @@ t counts in the step that sets it, and its last value stays, or, with ``TIME=TOT
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Final
@@ -19,6 +19,8 @@ from ..mesh_files.deck_card import Card
 
 Points = list[tuple[float, float]]
 """Times, ascending, and values; a jump is a time that stands twice."""
+Law = Mapping[str, Any] | None
+"""Table of a law; None where a quantity is the same at all times."""
 _MOST_STEPS: Final = 1_000_000
 _SAME: Final = 1e-9  # of the largest value, and of the step
 
@@ -142,6 +144,10 @@ class DeckHistory:
             if step.kept and step.procedure is not None:
                 found += piece
         return found
+
+
+LawMaker = Callable[[DeckQuantity, DeckHistory], tuple[float, Law, Points]]
+"""Amount, law and points of a quantity over the scene."""
 
 
 def _towards(step: DeckStep, before: float, value: float) -> Points:

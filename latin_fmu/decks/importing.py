@@ -25,20 +25,8 @@ from .translation import LEFT_OUT, USED, CardUse, Translation
 from .units import UnitsOption, units_of
 
 _ORDER: Final = (
-    *(
-        "material",
-        "mesh",
-        "substructure",
-        "interface",
-        "contact",
-        "bolt",
-        "boundary",
-        "load",
-        "gravity",
-        "rotation",
-        "temperature",
-    ),
-    *("time", "solver", "sensor", "output"),
+    *("material", "mesh", "substructure", "interface", "contact", "coupling", "bolt", "boundary", "load", "gravity"),
+    *("rotation", "temperature", "time", "solver", "sensor", "output"),
 )
 _HEADING: Final = "the deck cannot be translated"
 _MOST_LINES: Final = 6  # of a file that a line of the summary lists

@@ -375,11 +375,3 @@ def initial_conditions(deck: Translation, card: Card) -> None:
             velocity = body.setdefault("initial_velocity", [0.0, 0.0, 0.0])
             velocity[axis] = value
     deck.used(card, "initial_velocity" if kind == "VELOCITY" else "temperature that changes are counted from")
-
-
-def rigid_body(deck: Translation, card: Card) -> None:
-    """*RIGID BODY of an element set that is a part."""
-    if not card.name("ELSET") or deck.parts_of_elements(card.name("ELSET")) is None:
-        deck.refuse(card, "a rigid body of all elements of parts alone is translated")
-    else:
-        deck.used(card, "rigid = true of the substructure")

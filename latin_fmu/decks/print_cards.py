@@ -101,11 +101,12 @@ def output(deck: Translation, card: Card) -> None:
     words = [word.upper() for _, fields in card.tokens() for word in fields if word]
     if card.name("FREQUENCY").isdigit():
         deck.frequencies[deck.number] = int(card.name("FREQUENCY"))
+    moved = {"U", "V", "A"} & set(words)
+    # first: what is printed of reference nodes is that of their sensors
+    points = _sensors(deck, card) if card.keyword == "NODE PRINT" and moved else 0
     printed = _request(deck, card, words)
     lost = [word for word in words if word not in _FIELDS and word not in printed]
     keys: dict[str, Any] = {}
-    moved = {"U", "V", "A"} & set(words)
-    points = _sensors(deck, card) if card.keyword == "NODE PRINT" and moved else 0
     for word in words:
         if not (points and word in ("U", "V", "A")):
             keys |= _FIELDS.get(word, {})
@@ -141,16 +142,25 @@ def _sensors(deck: Translation, card: Card) -> int:
         return 0
     count = 0
     for i, row in enumerate(rows.tolist(), 1):
-        for group, part in deck.parts.items():
-            if row not in deck.content.nodes_of(group):
-                continue
-            name = card.name("NSET") if len(rows) == 1 else f"{card.name('NSET')}_{i}"
-            table = {"substructure": part, "point": deck.content.points[row].tolist()}
-            if row not in deck.sensors:
-                deck.sensors[row] = deck.add("sensor", name, table)
-            count += 1
-            break
+        place = _place(deck, row)
+        if place is None:
+            continue
+        name = card.name("NSET") if len(rows) == 1 else f"{card.name('NSET')}_{i}"
+        if row not in deck.sensors:
+            deck.sensors[row] = deck.add("sensor", name, {**place, "point": deck.content.points[row].tolist()})
+        count += 1
     return count
+
+
+def _place(deck: Translation, row: int) -> dict[str, str] | None:
+    """The substructure of a node, or the face that a reference node moves with; None of other nodes."""
+    for group, part in deck.parts.items():
+        if row in deck.content.nodes_of(group):
+            return {"substructure": part}
+    reference, first = deck.references.get(row, (None, 0))
+    if reference is None or first or reference.point is None or reference.face in deck.single:
+        return None
+    return {"face": reference.place}
 
 
 def _request(deck: Translation, card: Card, words: Sequence[str]) -> tuple[str, ...]:
@@ -163,7 +173,9 @@ def _request(deck: Translation, card: Card, words: Sequence[str]) -> tuple[str, 
         return ()
     if len(np.unique(labels)) < len(labels):
         why = "nodes of several instances have one number"
-    elif card.keyword == "NODE PRINT" and not deck.parts_of_nodes(card.name("NSET")):
+    elif card.keyword == "NODE PRINT" and not (
+        deck.parts_of_nodes(card.name("NSET")) or any(row in deck.sensors for row in deck.rows(card.name("NSET")))
+    ):
         why = "no node of the set is on a solid"
     elif card.keyword == "EL PRINT":
         why = _unknown_elements(deck, card.name("ELSET"))

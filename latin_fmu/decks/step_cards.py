@@ -180,7 +180,7 @@ def cload(deck: Translation, card: Card) -> None:
                     deck.refuse(card, "the node of a pre-tension section has the degree of freedom 1 alone", degree)
                 deck.set(DeckQuantity("bolt_force", bolt.name), value, card)
             continue
-        if not _on_parts(deck, card, group):
+        if _on_references(deck, card, "nodal_force", group) or not _on_parts(deck, card, group):
             continue
         for degree, value in group.values:
             if degree not in "123":
@@ -207,7 +207,7 @@ def boundary(deck: Translation, card: Card) -> None:
         if bolt := deck.bolts.get(_number(group)):
             _shift_bolt(deck, card, bolt.name, group)
             continue
-        if not _on_parts(deck, card, group):
+        if _on_references(deck, card, kind, group) or not _on_parts(deck, card, group):
             continue
         if "FIXED" in card.parameters:
             deck.refuse(card, "nodes that are held where they are by then: a bolt alone keeps its length")
@@ -232,9 +232,11 @@ def _shift_bolt(deck: Translation, card: Card, name: str, group: LoadedSet) -> N
 
 
 def _groups(deck: Translation, card: Card) -> Iterator[LoadedSet]:
-    """What the lines of a card act on; nodes of pre-tension sections one by one, several loaded alike as well."""
+    """What the lines of a card act on; nodes of pre-tension sections, and reference nodes, one by one, several loaded
+    alike as well."""
+    rows = {str(deck.content.labels[row]) for row in deck.references}
     for group in loaded_groups(card):
-        sections = [member for member in group.members if member[0] in deck.bolts]
+        sections = [member for member in group.members if member[0] in deck.bolts or _digits(member[0]) in rows]
         yield from (
             LoadedSet(f"NODE_{number}", group.kind, ((number, part),), group.values) for number, part in sections
         )
@@ -248,6 +250,36 @@ def _number(group: LoadedSet) -> str:
     if len(group.members) == 1:
         return group.members[0][0]
     return ""
+
+
+def _digits(text: str) -> str:
+    """The number of a node of an instance, too."""
+    return text.rpartition(".")[2]
+
+
+def _on_references(deck: Translation, card: Card, kind: str, group: LoadedSet) -> bool:
+    """Whether a group is reference nodes, and set what acts on them."""
+    number = _digits(_number(group))
+    if number:
+        rows = np.flatnonzero(deck.content.labels == int(number)).tolist()
+    else:
+        rows = deck.rows(group.name).tolist()
+    found = [row for row in rows if row in deck.references]
+    if not found:
+        return False
+    if len(found) < len(rows) or "FIXED" in card.parameters:
+        deck.refuse(card, "a set of reference nodes and other nodes, or FIXED of a reference node", group.name)
+    elif any(np.isin(found, deck.rows(name)).any() for name in deck.model.transforms):
+        deck.refuse(card, "a reference node with *TRANSFORM", group.name)
+    for row in found:
+        reference, first = deck.references[row]
+        for degree, value in group.values:
+            axis = first + int(degree) - 1
+            if 0 <= axis < 6:
+                deck.set(DeckQuantity(kind, reference.key, axis), value, card)
+            else:
+                deck.refuse(card, "a reference node has three translations and three rotations", f"{degree}")
+    return True
 
 
 def _on_parts(deck: Translation, card: Card, group: LoadedSet) -> bool:

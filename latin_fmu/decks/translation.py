@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import Problem
 from ..mesh_files.content import Array, Index, MeshContent
 from ..mesh_files.deck_card import Card, FileLine, real
+from ..mesh_files.deck_equations import TiedSet, UnreadEquation
 from ..mesh_files.deck_model import DeckModel
 from ..mesh_files.deck_scene import faces_of, parts_with, rows_of_set
 from ..scene.substructures import part_name
@@ -49,6 +50,46 @@ class SectionBolt:
     sign: float
 
 
+BODY: Final = "body"
+RIGID: Final = "rigid"
+MEAN: Final = "mean"
+ALIKE: Final = "alike"
+SHARED: Final = "shared"
+"""Kinds: a rigid part, a rigid face, the mean motion of a face, nodes with the same displacement along some axes, nodes
+that share a force evenly."""
+
+
+@dataclass(frozen=True)
+class ReferenceNode:
+    """Nodes that follow one motion, and the node that stands for it.
+
+    Attributes
+    ----------
+    name : of its tables. card : that says so. kind : see ``BODY`` and its like. part, face : whose nodes they are;
+    "*" is the whole part. axes : translations that are coupled, from 0. rotations : those that the motion has, from 0.
+    point : (3,) place of the node, None where there is none.
+    """
+
+    name: str
+    card: Card
+    kind: str
+    part: str
+    face: str
+    axes: tuple[int, ...]
+    rotations: tuple[int, ...]
+    point: tuple[float, float, float] | None
+
+    @property
+    def key(self) -> str:
+        """What loads and motions of the node are of: no set of a deck has this name."""
+        return f"{self.card.keyword} {self.card.line} {self.name}"
+
+    @property
+    def place(self) -> str:
+        """The face in a scene."""
+        return f"{self.part}.{self.face}"
+
+
 @dataclass(frozen=True)
 class PrintRequest:
     """What one card prints.
@@ -75,9 +116,12 @@ class Translation:
     content : mesh, names and cards of the deck. parts : names of substructures by volume group. steps : of the deck, in
     order. problems : reasons why it is refused. uses : lines of the summary. tables : of the scene, by kind and name.
     material_keys : constants of materials, in capitals, that the mesh reader does not take. histories : of loads and
-    motions. amplitudes, interactions : by name in capitals. bolts : by the number of their node. initial : temperature
-    by node set. prints : requests by step that makes them. frequencies : of output by step. single : node sets that
-    are no faces. sensors : their names by rows of nodes. pairs : surfaces ``SLAVE/MASTER`` by interface. orientations :
+    motions. amplitudes, interactions : by name in capitals. bolts : by the number of their node. reference_nodes : in
+    order. references : by row of their nodes, and the motion that the first degree of freedom there is, from 0.
+    coupling : *COUPLING whose card below is not read yet. tied : sets of nodes that equations join, once they are read.
+    initial : temperature by node set. prints : requests by step that makes them. frequencies : of output by step.
+    single : node sets that are no faces. sensors : their names by rows of nodes. pairs : surfaces ``SLAVE/MASTER`` by
+    interface. orientations :
     axes by name in capitals. section_axes : names of orientations of the sections of each material. material,
     interaction : that the cards are of. number : of the present step, 0 before the first.
     """
@@ -93,6 +137,10 @@ class Translation:
     amplitudes: dict[str, Amplitude] = field(default_factory=dict)
     interactions: dict[str, dict[str, Any]] = field(default_factory=dict)
     bolts: dict[str, SectionBolt] = field(default_factory=dict)
+    reference_nodes: list[ReferenceNode] = field(default_factory=list)
+    references: dict[int, tuple[ReferenceNode, int]] = field(default_factory=dict)
+    coupling: Card | None = None
+    tied: tuple[list[TiedSet], list[UnreadEquation]] | None = None
     initial: dict[str, float] = field(default_factory=dict)
     prints: dict[int, list[PrintRequest]] = field(default_factory=dict)
     frequencies: dict[int, int] = field(default_factory=dict)
@@ -255,5 +303,7 @@ class Translation:
                 history.ended.append(self.number)
 
 
+MOTIONS: Final = ("displacement", "velocity", "acceleration")
+"""Kinds of quantities that are motions."""
 ADDING: Final = ("nodal_force", "pressure", "traction", "gravity", "rotation")
 """Kinds of quantities that add up."""

@@ -353,11 +353,18 @@ def lumped_mass(elements: Elements, density: float) -> Array | None:
 
 
 def body_load(elements: Elements, force: Array) -> Array:
-    """Nodal forces (3 n_node,) of a uniform body force (3,) in N m-3."""
-    share = np.zeros(elements.mesh.n_node)
+    """Nodal forces (3 n_node,) of a body force in N m-3, uniform (3,) or by its values at the nodes (n_node, 3)."""
+    n_node = elements.mesh.n_node
+    if np.ndim(force) == 1:
+        share = np.zeros(n_node)
+        for block, points in elements.points():
+            share += np.bincount(block.cells.ravel(), (points.volumes @ points.values).ravel(), n_node)
+        return np.outer(share, np.asarray(force)).ravel()
+    total = np.zeros((n_node, 3))
     for block, points in elements.points():
-        share += np.bincount(block.cells.ravel(), (points.volumes @ points.values).ravel(), len(share))
-    return np.outer(share, np.asarray(force)).ravel()
+        at_points = np.einsum("pa,cai->cpi", points.values, np.asarray(force)[block.cells])
+        np.add.at(total, block.cells, np.einsum("cp,pa,cpi->cai", points.volumes, points.values, at_points))
+    return total.ravel()
 
 
 # Type of the cell of degree one with the same corners: its rule and functions carry values to the nodes.

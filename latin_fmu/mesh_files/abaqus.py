@@ -22,7 +22,8 @@ from .abaqus_scope import Scope
 from .content import CORNERS, FLAT, NO_ROWS, Array, FileProblems, Include, Index, MeshContent, pieces, rows_of
 from .coordinates import turned
 from .deck_card import Card
-from .deck_loads import FACES, NAMES_SETS, NODES, is_label, loaded_groups
+from .deck_equations import members_of, tied_sets
+from .deck_loads import FACES, NAMES_NODES, NAMES_SETS, NODES, is_label, loaded_groups
 from .deck_model import DeckModel, numbers
 from .middle_nodes import complete, in_vtk_order
 from .unused import nodes_in_cells, note
@@ -302,13 +303,20 @@ class _DeckContent(_PlacedDeck):
             content.add_nodes(name, rows[there] + frame.first_node)
 
     def _add_loaded(self, content: MeshContent) -> None:
-        """Nodes and faces of elements that loads, supports and outputs name by their numbers."""
+        """Nodes and faces of elements that loads, supports and outputs name by their numbers, nodes that equations
+        join."""
         self._add_held_nodes(content)
         for group in (group for card in self.deck.model.cards for group in loaded_groups(card)):
             if group.kind == NODES and group.members:
                 self._add_nodes_by_number(content, group.name, (text for text, _ in group.members))
             for text, label in group.members if group.kind == FACES else ():
                 self._add_surface(content, self.frames[0], group.name, [(text, label)])
+        for tied in tied_sets(self.deck.model.cards)[0]:
+            labels, sets = members_of(tied)
+            self._add_nodes_by_number(content, tied.name, labels)
+            spelled = {name.upper(): name for name in content.node_sets}
+            for name in sets:
+                content.add_nodes(tied.name, content.node_sets.get(spelled.get(name.upper(), ""), NO_ROWS))
 
     def _add_sets(self, content: MeshContent, frame: _Frame) -> None:
         model = self.deck.model
@@ -318,6 +326,8 @@ class _DeckContent(_PlacedDeck):
         }
         used |= {("E", name.rpartition(".")[2].upper()) for name in model.rigid}
         for card in model.cards:
+            if card.keyword in NAMES_NODES:
+                used |= {("N", card.name(key).rpartition(".")[2].upper()) for key in NAMES_NODES[card.keyword]}
             if card.keyword in NAMES_SETS:
                 first = {fields[0].rpartition(".")[2].strip('"').upper() for _, fields in card.tokens() if fields}
                 used |= {(kind, name) for kind in "NE" for name in first}

@@ -165,6 +165,9 @@ class DeckScopes:
                 )
                 self.content.refused.setdefault(name, problem)
             self.skipped.append((self._here, Skipped.of_card(card, name)))
+            if name == "DCOUP3D":
+                for _, fields in card.tokens():
+                    self.model.couplers.setdefault(card.name("ELSET").upper(), fields[-1])
             if card.name("ELSET"):
                 # a set of elements that are not read is there, and empty
                 self._members("E", card.name("ELSET"), [])

@@ -21,6 +21,12 @@ ON_FACES: Final = frozenset({"DLOAD"})
 """Keywords whose lines name nodes, and faces of elements."""
 NAMES_SETS: Final = ON_NODES | ON_FACES | {"INITIAL CONDITIONS", "TEMPERATURE"}
 """Keywords whose lines begin with a set."""
+_REFERENCE: Final = ("REF NODE", "REFNODE", "ROT NODE", "ROTNODE")
+NAMES_NODES: Final[Mapping[str, tuple[str, ...]]] = {
+    "RIGID BODY": ("NSET", *_REFERENCE),
+    "COUPLING": ("SURFACE", *_REFERENCE),
+}
+"""Parameters of keywords that name sets of nodes."""
 WORDS: Final[Mapping[str, tuple[int, ...]]] = {
     "ENCASTRE": (1, 2, 3, 4, 5, 6),
     "PINNED": (1, 2, 3),

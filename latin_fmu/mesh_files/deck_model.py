@@ -75,7 +75,8 @@ class DeckModel:
     ----------
     materials : constants ``young_modulus``, ``poisson_ratio``, ``density`` by the name of the material in capitals.
     sections : (element set, material), both in capitals. ties, supports : see there.
-    rigid : element sets, in capitals, of rigid bodies. clearances : (slave, master) -> initial distance. contacts :
+    rigid : element sets, in capitals, of rigid bodies. couplers : number of the node of the first distributing coupling
+    element of a set, by its name in capitals. clearances : (slave, master) -> initial distance. contacts :
     slave and master surfaces of contact pairs. transforms : node sets, in capitals, whose components of displacement
     are counted along axes of their own; the axes x and y where these are the same at all nodes. cards : all of them in
     order, those of the mesh without their lines. element_types : first place of each, by name. unused : number of the
@@ -87,6 +88,7 @@ class DeckModel:
     ties: list[Tie] = field(default_factory=list)
     supports: list[HeldSet] = field(default_factory=list)
     rigid: list[str] = field(default_factory=list)
+    couplers: dict[str, str] = field(default_factory=dict)
     clearances: dict[tuple[str, str], float] = field(default_factory=dict)
     contacts: list[tuple[str, str]] = field(default_factory=list)
     transforms: dict[str, tuple[list[float], list[float]] | None] = field(default_factory=dict)

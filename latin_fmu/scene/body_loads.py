@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .laws import TimeLaw
 from .raw_scene import named_tables, single_table
-from .substructures import ALL, Gravity, Rotation, Substructure, Temperature
+from .substructures import ALL, Gravity, RotationTable, Substructure, Temperature
 
 Array = NDArray[np.float64]
 Tables = dict[str, Any]
@@ -223,19 +223,19 @@ class RotationKind(ListedBodiesKind):
     meaning = "the centrifugal force of the rotation {}"
     unit = "1"  # of the force: a square of speeds has no name among the units of a record
 
-    def value(self, table: Rotation, /) -> float:
+    def value(self, table: RotationTable, /) -> float:
         """The square of the angular velocity."""
         return float(table.angular_velocity**2)
 
-    def acts_on(self, table: Rotation, _name: str, body: str, _described: Substructure, /) -> bool:
+    def acts_on(self, table: RotationTable, _name: str, body: str, _described: Substructure, /) -> bool:
         """On bodies that it names."""
         return table.turns(body)
 
-    def nodal_forces(self, table: Rotation, body: LoadedBody, /) -> Array:
+    def nodal_forces(self, table: RotationTable, body: LoadedBody, /) -> Array:
         """Where the mass is, added masses included."""
         return body.weight(table.acceleration(body.places))
 
-    def largest_traction(self, table: Rotation, body: LoadedBody, amplitude: float, /) -> float:
+    def largest_traction(self, table: RotationTable, body: LoadedBody, amplitude: float, /) -> float:
         """The largest acceleration over the length of the body."""
         largest = float(np.linalg.norm(table.acceleration(body.places), axis=1).max())
         return body.density * largest * amplitude * body.size

@@ -34,7 +34,7 @@ from .substructures import (
     Gravity,
     MeshParts,
     Motion,
-    Rotation,
+    RotationTable,
     Substructure,
     Temperature,
     rotation_problems,
@@ -278,7 +278,7 @@ class Scene(SceneTable):
     )
     gravity: Annotated[Gravity | None, about("acceleration acting on every body")] = None
     motion: Annotated[Motion | None, about("initial velocity of the assembly at t = 0")] = None
-    rotation: Annotated[dict[Name, Rotation], about("rotations of bodies by name")] = Field(default_factory=dict)
+    rotation: Annotated[dict[Name, RotationTable], about("rotations of bodies by name")] = Field(default_factory=dict)
     temperature: Annotated[dict[Name, Temperature], about("changes of temperature by name")] = Field(
         default_factory=dict
     )

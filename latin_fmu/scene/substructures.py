@@ -326,7 +326,7 @@ class Temperature(SceneTable):
         return self.change != 0.0 and (ALL in self.substructures or substructure in self.substructures)
 
 
-class Rotation(SceneTable):
+class RotationTable(SceneTable):
     """Centrifugal force of bodies that turn about an axis: rho omega^2 r per volume, away from the axis, times a law.
 
     Bodies are described in the frame that turns with them, on their places at t = 0: the force does not grow with their
@@ -348,7 +348,7 @@ class Rotation(SceneTable):
     def acceleration(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Centrifugal acceleration (n, 3), m s-2, of places (n, 3), m: omega^2 times their distance from the axis.
 
-        >>> Rotation(angular_velocity=10.0, axis=[0, 0, 2]).acceleration(np.array([[0.3, 0.0, 5.0]])).tolist()
+        >>> RotationTable(angular_velocity=10.0, axis=[0, 0, 2]).acceleration(np.array([[0.3, 0.0, 5.0]])).tolist()
         [[30.0, 0.0, 0.0]]
         """
         axis = np.array(self.axis) / np.linalg.norm(self.axis)

@@ -49,7 +49,7 @@ def test_a_rod_stretches_by_its_own_pull() -> None:
 
 @pytest.mark.parametrize(("kind", "tolerance"), [("hexahedron20", 2e-3), ("tetra10", 1e-2)])
 def test_a_disk_grows_as_that_of_timoshenko(kind: str, tolerance: float, tmp_path: Path) -> None:
-    """Radial displacement of an annular disk in plane stress (Timoshenko and Goodier, Theory of Elasticity, art. 32)."""
+    """Radial displacement of an annular disk in plane stress (Timoshenko, Theory of Elasticity, art. 32)."""
     a, b, nu, omega = 0.02, 0.1, 0.3, 800.0
     write_mesh(tmp_path / "disk.msh", ring(kind, (a, b), (6, 6, 1), 0.004), lambda x: x)
     scene = latin_fmu.scene_from_dict(
