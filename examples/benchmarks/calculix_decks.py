@@ -42,6 +42,7 @@ import numpy as np
 
 import latin_fmu
 from latin_fmu.decks.dat_file import DatBlock, read_dat
+from latin_fmu.decks.frd_file import read_frd
 from latin_fmu.decks.importing import ImportedDeck, import_deck
 from latin_fmu.decks.print_cards import DeckPrints
 from latin_fmu.decks.printed import printed_blocks
@@ -96,7 +97,8 @@ def alone(file: Path, units: str | None) -> dict[str, Any]:
     ours = list(printed_blocks(deck.prints, solution))
     theirs = read_dat(reference(file, ".dat.ref"))
     if not theirs:
-        theirs = displacements_of_frd(reference(file, ".frd.ref"))
+        filed = read_frd(reference(file, ".frd.ref"))
+        theirs = [DatBlock("U", EVERY_NODE, b.time, b.labels[:, None], b.values) for b in filed if b.kind == "U"]
         ours = list(printed_blocks(of_every_node(deck.prints), solution))
     facts["difference"], facts["worst"] = distance(ours, theirs)
     if facts["difference"] is None:
@@ -193,25 +195,6 @@ def largest_gradient(deck: ImportedDeck, solution: Solution) -> tuple[float, flo
 
 
 # -- references -------------------------------------------------------------------------------------------------------
-def displacements_of_frd(text: str) -> list[DatBlock]:
-    """Displacements of all nodes by instant in an ASCII ``.frd`` (CalculiX CGX manual, result format)."""
-    found: list[DatBlock] = []
-    time, inside = 0.0, False
-    rows: list[tuple[int, list[float]]] = []
-    for line in text.splitlines():
-        if line.startswith("  100C"):
-            time = float(line[12:24])
-        elif line.startswith(" -4"):
-            inside, rows = line[5:13].strip() == "DISP", []
-        elif line.startswith(" -1") and inside:
-            rows.append((int(line[3:13]), [float(line[13 + 12 * i : 25 + 12 * i]) for i in range(3)]))
-        elif line.startswith(" -3") and inside:
-            labels = np.array([[label] for label, _ in rows], dtype=np.int64)
-            found.append(DatBlock("U", EVERY_NODE, time, labels, np.array([values for _, values in rows])))
-            inside = False
-    return found
-
-
 def distance(ours: Sequence[DatBlock], theirs: Sequence[DatBlock]) -> tuple[float | None, str]:
     """Largest difference of a block from its reference, and which block it is; None where no two are of one instant."""
     largest: Counter[tuple[str, str]] = Counter()

@@ -11,6 +11,7 @@ from .options import Argument, Option, command
 
 if TYPE_CHECKING:
     from ..decks.importing import ImportedDeck
+    from ..decks.print_cards import DeckPrints
     from ..results.solution import Solution
 
 Units = Annotated[
@@ -126,16 +127,29 @@ def exact_lines(imported: ImportedDeck, solution: Solution, folder: Path) -> lis
     return ["error of the penalty (with it, and with exact contact):", *penalty_error(imported.prints, solution, exact)]
 
 
-def write_printed(imported: ImportedDeck, solution: Solution, results: Path) -> Path | None:
-    """Write what a deck prints as CalculiX writes it, under the name of the results; None where it prints nothing.
+def write_printed(imported: ImportedDeck, solution: Solution, results: Path) -> list[Path]:
+    """Write what a deck prints and files as CalculiX does, under the name of the results; the files that were written.
 
     Raises
     ------
     UnwrittenError : the file cannot be written.
     """
     from ..decks.printed import printed_text
-    from ..results.writing import PRINTED, write_bytes
+    from ..results.writing import FILED, PRINTED, write_bytes, write_whole
 
-    if not any(True for _ in imported.prints.wanted()):
-        return None
-    return write_bytes(results.with_suffix(PRINTED), printed_text(imported.prints, solution).encode())
+    prints, made = imported.prints, []
+    if any(True for _ in prints.printed()):
+        made.append(results.with_suffix(PRINTED))
+        write_bytes(made[-1], printed_text(prints, solution).encode())
+    if any(prints.filed(instant) for instant in prints.instants):
+        made.append(results.with_suffix(FILED))
+        write_whole(made[-1], lambda draft: _file(prints, solution, draft))
+    return made
+
+
+def _file(prints: DeckPrints, solution: Solution, draft: Path) -> None:
+    """Write the fields piece by piece: they may be large."""
+    from ..decks.filed import filed_text
+
+    with draft.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(filed_text(prints, solution))

@@ -326,8 +326,7 @@ def _write(
         lost += error.problems
     if deck is not None:
         try:
-            if (printed := write_printed(deck, solution, target)) is not None:
-                written.append(f"printed as by CalculiX: {printed}")
+            written += [f"as CalculiX writes it: {file}" for file in write_printed(deck, solution, target)]
         except UnwrittenError as error:
             lost += error.problems
     if vtk is not None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..mesh_files.content import MeshContent
 from ..mesh_files.deck_card import Card
+from .frd_file import ELEMENTS
 from .histories import DeckStep
 from .translation import PrintRequest, Translation
 
@@ -41,8 +42,14 @@ PRINTED: Final[Mapping[str, tuple[str, ...]]] = {
     "NODE PRINT": ("U", "V", "RF"),
     "EL PRINT": ("S", "E", "ME", "ENER", "EVOL", "ELSE"),
     "CONTACT PRINT": ("CF",),
+    "NODE FILE": ("U", "V", "RF"),
+    "EL FILE": ("S", "E", "ME"),
 }
-"""Words of each card that are printed."""
+"""Words of each card that are written as CalculiX does."""
+_SAME: Final[Mapping[str, str]] = {"NODE OUTPUT": "NODE FILE", "ELEMENT OUTPUT": "EL FILE"}
+"""Cards that write the same file in another form."""
+FILED: Final = ("NODE FILE", "EL FILE")
+"""Cards of the .frd."""
 _ELEMENTS: Final = ("C3D4", "C3D10", "C3D6", "C3D15", "C3D8", "C3D8I", "C3D8R", "C3D20", "C3D20R")
 """Types of elements whose integration points are known."""
 
@@ -71,7 +78,7 @@ class DeckPrints:
     ----------
     content : mesh of the deck. parts : names of substructures by volume group. requests : by step, in order. every :
     increments from one block to the next, by step, 0 for none. instants : of the scene. sensors : their names by rows
-    of nodes. pairs : interfaces by ``SLAVE/MASTER``.
+    of nodes. pairs : interfaces by ``SLAVE/MASTER``. moving : numbers of the steps with inertia.
     """
 
     content: MeshContent
@@ -81,14 +88,22 @@ class DeckPrints:
     instants: Sequence[PrintInstant] = ()
     sensors: Mapping[int, str] = field(default_factory=dict)
     pairs: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    moving: Sequence[int] = ()
 
-    def wanted(self) -> Iterator[tuple[PrintInstant, PrintRequest]]:
+    def printed(self) -> Iterator[tuple[PrintInstant, PrintRequest]]:
         """What is printed, in the order of the file."""
         for instant in self.instants:
-            for request in self.requests.get(instant.step, ()):
-                every = self.every[instant.step]
-                if every and (instant.last or instant.increment % every == 0):
-                    yield instant, request
+            yield from ((instant, request) for request in self._wanted(instant) if request.keyword not in FILED)
+
+    def filed(self, instant: PrintInstant) -> list[PrintRequest]:
+        """What is filed at an instant."""
+        return [request for request in self._wanted(instant) if request.keyword in FILED]
+
+    def _wanted(self, instant: PrintInstant) -> Sequence[PrintRequest]:
+        every = self.every[instant.step]
+        if every and (instant.last or instant.increment % every == 0):
+            return self.requests.get(instant.step, ())
+        return ()
 
 
 # -- cards ------------------------------------------------------------------------------------------------------------
@@ -112,14 +127,17 @@ def output(deck: Translation, card: Card) -> None:
             keys |= _FIELDS.get(word, {})
     if card.keyword == "EL PRINT" and "S" in words:
         keys = {**{key: value for key, value in keys.items() if key != "nodal_stress"}, "stress": True}
-    if {"RF", *PRINTED["EL PRINT"]} & set(printed):
+    recovered = {"RF", "E", "ME"} if card.keyword != "EL PRINT" else {*PRINTED["EL PRINT"]}
+    if recovered & set(printed):
         # what is printed is recovered from displacements, as strains are
         keys["strain"] = True
     if keys:
         deck.output(**keys)
-    into = f"; {', '.join(printed)} of {card.name('NSET') or card.name('ELSET') or 'the contact'} in the .dat" * (
-        len(printed) > 0
-    )
+    into = ""
+    if printed:
+        file = ".frd" if _SAME.get(card.keyword, card.keyword) in FILED else ".dat"
+        of = card.name("NSET") or card.name("ELSET") or ("all nodes" if file == ".frd" else "the contact")
+        into = f"; {', '.join(printed)} of {of} in the {file}"
     if points:
         deck.used(card, f"{points} [sensor.NAME]{into}")
     elif keys or "CF" in words:
@@ -129,8 +147,9 @@ def output(deck: Translation, card: Card) -> None:
     if lost and not (lost == ["A"] and points):
         deck.left_out(card, f"{', '.join(lost)}: not in the results")
     unprinted = [word for word in words if word not in printed and word not in lost]
-    if unprinted and card.keyword.endswith("PRINT"):
-        deck.left_out(card, f"{', '.join(unprinted)}: in the results, not in the .dat")
+    if unprinted:
+        file = ".dat" if card.keyword.endswith("PRINT") else ".frd"
+        deck.left_out(card, f"{', '.join(unprinted)}: in the results, not in the {file}")
     if not words:
         deck.left_out(card, "no quantities named, the results have theirs")
 
@@ -165,7 +184,8 @@ def _place(deck: Translation, row: int) -> dict[str, str] | None:
 
 def _request(deck: Translation, card: Card, words: Sequence[str]) -> tuple[str, ...]:
     """Note what a card prints; its words that are."""
-    known = PRINTED.get(card.keyword, ())
+    keyword = _SAME.get(card.keyword, card.keyword)
+    known = PRINTED.get(keyword, ())
     printed = tuple(word for word in words if word in known)
     labels = deck.content.labels
     why = None
@@ -173,6 +193,11 @@ def _request(deck: Translation, card: Card, words: Sequence[str]) -> tuple[str, 
         return ()
     if len(np.unique(labels)) < len(labels):
         why = "nodes of several instances have one number"
+    elif keyword in FILED:
+        why = _unfiled(deck, card, printed)
+        if why is not None and printed != ("RF",) and "RF" in printed and why is _CONTACT:
+            deck.left_out(card, f"RF: not in the .frd, {why}")
+            why, printed = None, tuple(word for word in printed if word != "RF")
     elif card.keyword == "NODE PRINT" and not (
         deck.parts_of_nodes(card.name("NSET")) or any(row in deck.sensors for row in deck.rows(card.name("NSET")))
     ):
@@ -181,17 +206,35 @@ def _request(deck: Translation, card: Card, words: Sequence[str]) -> tuple[str, 
         why = _unknown_elements(deck, card.name("ELSET"))
     elif card.keyword == "CONTACT PRINT" and not (card.name("SLAVE") and card.name("MASTER")):
         why = "SLAVE and MASTER have to be named"
-    target = card.name("NSET") or card.name("ELSET") or f"{card.name('SLAVE')}/{card.name('MASTER')}"
+    target = card.name("NSET") or card.name("ELSET")
+    if card.keyword == "CONTACT PRINT":
+        target = f"{card.name('SLAVE')}/{card.name('MASTER')}"
     if why is not None:
-        deck.left_out(card, f"{', '.join(printed)} of {target}: not in the .dat, {why}")
+        file = ".frd" if keyword in FILED else ".dat"
+        deck.left_out(card, f"{', '.join(printed)} of {target or 'all nodes'}: not in the {file}, {why}")
         return ()
     if card.name("TIME POINTS"):
         deck.left_out(card, "TIME POINTS: all instants are printed")
     totals = card.name("TOTALS").upper() or "NO"
     local = card.name("GLOBAL").upper() == "NO" or (card.keyword == "NODE PRINT" and card.name("GLOBAL") == "")
-    request = PrintRequest(card.keyword, printed, target.upper(), totals, local)
+    request = PrintRequest(keyword, printed, target.upper(), totals, local)
     deck.prints.setdefault(deck.number, []).append(request)
     return printed
+
+
+_CONTACT: Final = "at nodes of contacts other forces act"
+
+
+def _unfiled(deck: Translation, card: Card, printed: Sequence[str]) -> str | None:
+    """Why what a card files is not in the .frd; None where it is."""
+    lost = sorted({kind for group in deck.parts for kind in deck.content.volumes[group] if kind not in ELEMENTS})
+    if lost:
+        return f"the format has no elements like {', '.join(lost)}"
+    if card.name("NSET") and not deck.parts_of_nodes(card.name("NSET")):
+        return "no node of the set is on a solid"
+    if "RF" in printed and deck.pairs:
+        return _CONTACT
+    return None
 
 
 def _unknown_elements(deck: Translation, elset: str) -> str | None:
@@ -225,7 +268,8 @@ def prints_of(deck: Translation, start: float) -> DeckPrints:
     for name, pair in deck.pairs.items():
         pairs.setdefault(pair.upper(), []).append(name)
     instants = list(_instants(deck, start))
-    return DeckPrints(deck.content, deck.parts, requests, every, instants, dict(deck.sensors), pairs)
+    moving = [number for number, step in enumerate(deck.steps, 1) if step.dynamic]
+    return DeckPrints(deck.content, deck.parts, requests, every, instants, dict(deck.sensors), pairs, moving)
 
 
 def _instants(deck: Translation, start: float) -> Iterator[PrintInstant]:

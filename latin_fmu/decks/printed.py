@@ -48,9 +48,9 @@ def printed_text(prints: DeckPrints, solution: Solution) -> str:
 
 def printed_blocks(prints: DeckPrints, solution: Solution) -> Iterator[DatBlock]:
     """The blocks that a deck prints, in the order of CalculiX; instants that a run has not reached have none."""
-    values = _PrintedValues(prints, solution)
+    values = PrintedValues(prints, solution)
     reached = solution.time[-1] + 1e-9 * abs(solution.time[-1])
-    for instant, request in prints.wanted():
+    for instant, request in prints.printed():
         if instant.scene > reached:
             return
         for word in request.words:
@@ -62,7 +62,7 @@ def printed_blocks(prints: DeckPrints, solution: Solution) -> Iterator[DatBlock]
                 yield from values.of_contact(request, instant)
 
 
-class _PrintedValues:
+class PrintedValues:
     """Values of a run by what the deck calls them.
 
     Forces of all nodes and values of elements at one instant are kept until the next one.
@@ -79,9 +79,9 @@ class _PrintedValues:
         rows = rows_of_set(self.content, request.target)
         rows = rows[rows < len(self.content.labels)]
         if word == "RF":
-            values = self._nodal_forces(instant.scene)[rows]
+            values = self.nodal_forces(instant.scene)[rows]
         else:
-            values = self._motion(rows, word, instant.scene)
+            values = self.motion(rows, word, instant.scene)
         there = ~np.isnan(values).any(axis=1)
         rows, values = rows[there], values[there]
         if not len(rows):
@@ -97,7 +97,7 @@ class _PrintedValues:
         if word == "RF" and request.totals != "NO":
             yield DatBlock("total RF", request.target, instant.deck, np.zeros((1, 0), dtype=np.int64), total[None])
 
-    def _motion(self, rows: Index, word: str, time: float) -> Array:
+    def motion(self, rows: Index, word: str, time: float) -> Array:
         """Displacement or velocity (n, 3) of nodes; NaN where it is not known."""
         values = np.full((len(rows), 3), np.nan)
         for group, part in self.prints.parts.items():
@@ -117,7 +117,7 @@ class _PrintedValues:
                 values[k] = (sensor.displacement if word == "U" else sensor.velocity)[i]
         return values
 
-    def _nodal_forces(self, time: float) -> Array:
+    def nodal_forces(self, time: float) -> Array:
         """Forces (n_point, 3) that hold the elements around every node; NaN at nodes of contacts, where other forces
         act, and of rigid bodies."""
         if self._forces[0] == time:
@@ -140,6 +140,31 @@ class _PrintedValues:
                 total[surface_rows(self.content, name)] = np.nan
         self._forces = time, total
         return total
+
+    def tensors(self, word: str, time: float) -> Array:
+        """Stress (S), strain (E) or mechanical strain (ME) at all nodes (n_point, 6): means over the elements around of
+        all parts, NaN elsewhere."""
+        total = np.zeros((len(self.content.points), 6))
+        count = np.zeros(len(total))
+        for group, part in self.prints.parts.items():
+            recovered, history = self.solution.recovered.get(part), self.solution.substructures.get(part)
+            if recovered is None or history is None or history.displacement is None:
+                continue
+            i = int(np.abs(history.time - time).argmin())
+            moved = np.asarray(history.displacement[i])[None]
+            if word == "E":
+                values = recovered.recovery.strain_of(recovered.recovery.nodal_stress(moved)[0])
+            else:
+                values = recovered.stress_at_nodes(moved, history.time[i : i + 1])[0]
+            if word == "ME":
+                values = recovered.recovery.strain_of(values)
+            cells = [self.content.solids[kind][rows].ravel() for kind, rows in self.content.volumes[group].items()]
+            around = np.bincount(np.concatenate(cells), minlength=len(total))
+            rows = self._rows_of[group]
+            total[rows] += around[rows, None] * values
+            count[rows] += around[rows]
+        count[count == 0.0] = np.nan
+        return np.asarray(total / count[:, None])
 
     def _along_local_axes(self, rows: Index, values: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Values along the axes of *TRANSFORM where these are the same at all its nodes, and which rows these are."""

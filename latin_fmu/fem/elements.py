@@ -501,9 +501,11 @@ class Recovery:
         """Blocks in pieces, with the rule of the points and the matrix (n_node, n_point) from there to the nodes."""
         for block in self._elements.mesh.blocks:
             linear = _LINEAR.get(block.cell_type, block.cell_type)
-            rule, functions = cell_rule(linear), cell_functions(linear)
+            # wedges by their reduced rule: elsewhere they have strains that cost no energy
+            rule = cell_rule(linear, reduced=block.reduced and linear == block.cell_type)
+            functions = cell_functions(linear)
             at_nodes = functions.values(cell_functions(block.cell_type).nodes)
-            # pyramids have 8 points and 5 functions: least squares
+            # pyramids have 8 points and 5 functions, wedges by the reduced rule 2 and 6: least squares
             to_nodes = at_nodes @ np.linalg.pinv(functions.values(rule.points))
             size = max(1, _AT_ONCE // (9 * max(n_time, 3) * block.cells.shape[1]))
             for first in range(0, len(block.cells), size):

@@ -23,6 +23,8 @@ from ..errors import Problem, ResultsError
 
 PRINTED: Final = ".dat"
 """Suffix of what a deck prints."""
+FILED: Final = ".frd"
+"""Suffix of the fields that a deck files."""
 Write = Callable[[Path], object]
 """Writes an output to the path it is given."""
 STREAMED: Final = 64e6

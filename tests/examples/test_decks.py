@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import latin_fmu
-from latin_fmu.decks.dat_file import DatBlock, dat_text, read_dat
+from latin_fmu.decks.dat_file import DatBlock, dat_text
 from latin_fmu.decks.importing import import_deck
 from latin_fmu.decks.printed import printed_blocks
 from tests.decks.blocks import HELD, OUTPUT, STEEL, block, one_block, static
@@ -43,17 +43,3 @@ def test_a_folder_of_decks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert float(ran["difference"]) == pytest.approx(0.02 / 1.02, rel=1e-3)
     assert ran["worst"] == "U of TIP at 1"
     assert "| runs | " in (tmp_path / "decks.md").read_text()
-
-
-def test_displacements_of_a_result_file() -> None:
-    """An ASCII result file, written by hand: fixed columns, a second quantity that does not count."""
-    text = (
-        "  100CL  101 0.500000000           2                     0    1           1\n"
-        " -4  DISP        4    1\n -5  D1          1    2    1    0\n"
-        " -1         3 1.00000E-03-2.00000E-03 0.00000E+00\n -3\n"
-        " -4  STRESS      6    1\n -1         3 1.00000E+00 1.00000E+00 1.00000E+00\n -3\n"
-    )
-    [found] = importlib.import_module("calculix_decks").displacements_of_frd(text)
-    assert (found.time, found.labels.tolist()) == (0.5, [[3]])
-    assert found.values.tolist() == [[1e-3, -2e-3, 0.0]]
-    assert read_dat("") == []
