@@ -9,10 +9,11 @@ import numpy as np
 from ..mesh_files.deck_card import Card, real
 from ..mesh_files.deck_model import numbers
 from .histories import tidy
-from .surfaces import closest
+from .surfaces import closest, mean_facet
 from .translation import SectionBolt, Translation
 
 _TOUCHING: Final = 1e-9  # of the size of the mesh
+_ALIKE: Final = 1e-3  # of the area of a facet
 _EXACT: Final = "contact exact at its points, no penalty"
 
 
@@ -209,7 +210,7 @@ def contact_pair(deck: Translation, card: Card) -> None:
             deck.refuse(card, what, ", ".join(fields[:2]), "a body in contact with itself is not computed", i)
         for sides in pairs:
             name = card.name("INTERACTION") if len(card.rows) == len(pairs) == 1 else f"{fields[0]}_{fields[1]}"
-            table = {"sides": sides, **_law(deck, card, law)}
+            table = {"sides": sides, **_points(deck, kind, fields[0], fields[1]), **_law(deck, card, law)}
             table |= _adjusted(deck, card, fields[0], fields[1])
             deck.pairs[deck.add("interface", name.replace(".", "_"), table)] = f"{fields[0]}/{fields[1]}"
     text = "interfaces with the slave first; on the places that the nodes have at the start"
@@ -257,6 +258,15 @@ def _law(deck: Translation, card: Card, law: dict[str, Any]) -> dict[str, Any]:
             )
         keys["tangential_stiffness"] = law.get("stick_slope", 0.0)
     return keys
+
+
+def _points(deck: Translation, kind: str, slave: str, master: str) -> dict[str, str]:
+    """The slave gives the points: its nodes are those of the deck in NODE TO SURFACE. Other types have many points on each
+    of its facets, and nodes of facets that are larger than those of the master would be too few."""
+    if kind in ("", "NODE TO SURFACE"):
+        return {"points_from": "E"}
+    size, other = (mean_facet(deck.content, surface) for surface in (slave, master))
+    return {"points_from": "E"} if size <= other * (1.0 + _ALIKE) else {}
 
 
 def _adjusted(deck: Translation, card: Card, slave: str, master: str) -> dict[str, Any]:

@@ -94,6 +94,13 @@ def _triangles(content: MeshContent, name: str) -> Array:
     return np.concatenate(pieces)
 
 
+def mean_facet(content: MeshContent, name: str) -> float:
+    """Mean area of the facets of a surface; 0 of one of nodes."""
+    triangles = _triangles(content, name)
+    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2.0
+    return float(areas.sum()) / max(sum(len(table) for table in _tables(content, name)), 1)
+
+
 def _from_triangles(points: Array, triangles: Array) -> Array:
     """Distance (n,) of each point from its triangle (n, 3, 3): from its plane inside, else from the nearest edge."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]

@@ -145,3 +145,47 @@ def test_bolts_in_steps_of_their_own_come_before_the_loads(tmp_path: Path) -> No
     solution = solved(deck, tmp_path)
     tensions = [history.force for history in solution.bolts.values()]
     assert [tension[0] for tension in tensions] == pytest.approx([500.0, 700.0], rel=1e-5)
+
+
+def punched(kind: str, held: str) -> str:
+    """A punch of 4 x 4 mm, with four facets, on the middle of a block of 12 x 12 mm, with four as well."""
+    low = block((0.0, 0.0, 0.0), (12.0, 12.0, 10.0), (2, 2, 2))
+    high = block((4.0, 4.0, 10.0), (4.0, 4.0, 8.0), (2, 2, 2))
+    text = one_block(low).replace("UP", "LOWUP").replace("ELSET=BLOCK", "ELSET=LOW")
+    text = text.replace("NSET=TOP", "NSET=LOWTOP").replace("NSET=TIP", "NSET=LOWTIP")
+    first = low.n_node + 1
+    text += "*NODE\n" + "".join(f"{first + i}, {x}, {y}, {z}\n" for i, (x, y, z) in enumerate(high.nodes.tolist()))
+    text += "*ELEMENT, TYPE=C3D8, ELSET=HIGH\n"
+    for i, cell in enumerate((high.blocks[0].cells + first).tolist()):
+        text += f"{low.n_cell + 1 + i}, " + ", ".join(map(str, cell)) + "\n"
+    text += "*SURFACE, NAME=HIGHDOWN\n" + "".join(f"{low.n_cell + i}, S1\n" for i in range(1, 5))
+    text += "*SURFACE, NAME=HIGHUP\n" + "".join(f"{low.n_cell + i}, S2\n" for i in range(5, 9))
+    top = [str(first + i) for i in np.flatnonzero(high.nodes[:, 2] > 17.0)]
+    text += f"*NSET, NSET=TOP\n{', '.join(top)}\n*NSET, NSET=TIP\n{first + high.n_node - 1}\n"
+    text += "*SOLID SECTION, ELSET=HIGH, MATERIAL=STEEL\n" + STEEL
+    text += contact(LINEAR).replace("SURFACE TO SURFACE", kind) + HELD + held.format(first=first)
+    return text + static("*BOUNDARY\nTOP, 1, 2\n*DSLOAD\nHIGHUP, P, 100.\n" + OUTPUT)
+
+
+@pytest.mark.parametrize("held", ["", "*BOUNDARY\n{first}, 1, 1\n"], ids=["free", "a corner held along x"])
+@pytest.mark.parametrize("kind", ["SURFACE TO SURFACE", "NODE TO SURFACE"])
+def test_the_slave_gives_the_points(kind: str, held: str, tmp_path: Path) -> None:
+    """Its facets are smaller than those of the master: nine points, whatever else holds its nodes. With those of the
+    master a single one was left under the punch."""
+    deck = punched(kind, held)
+    found = imported(deck, tmp_path)
+    assert found.tables["interface"]["JOINT"]["points_from"] == "E"
+    solution = solved(deck, tmp_path)
+    assert len(solution.interfaces["JOINT"].areas) == 9
+    here = solution.sensors["TIP"].displacement[-1]
+    there = displacements(deck, tmp_path, "TIP")[1.0][0]
+    np.testing.assert_allclose(here, there, atol=0.01 * np.abs(there).max())
+
+
+def test_facets_of_the_slave_that_are_larger_do_not_give_the_points(tmp_path: Path) -> None:
+    """A pair of element surfaces has many points on each facet in CalculiX, where the nodes of these would be few."""
+    deck = punched("SURFACE TO SURFACE", "").replace("HIGHDOWN, LOWUP\n", "LOWUP, HIGHDOWN\n")
+    assert "points_from" not in imported(deck, tmp_path).tables["interface"]["JOINT"]
+    here = solved(deck, tmp_path).sensors["TIP"].displacement[-1]
+    there = displacements(deck, tmp_path, "TIP")[1.0][0]
+    np.testing.assert_allclose(here, there, atol=0.02 * np.abs(there).max())
