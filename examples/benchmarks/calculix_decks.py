@@ -11,6 +11,7 @@ facts:
   from the reference        largest difference of a printed block over the largest value of that quantity in the set of
                             the block; of forces over the largest force of the deck; where
                             the reference has nothing to compare, displacements of all nodes by the ccx here
+  exact                     the same of a run with exact contact in the place of the penalty of the deck: what it costs
   ccx from the reference    the same of the installed version: what its own versions differ by
   CPU s                     of both, from the deck to the end of the solution, one thread each
 
@@ -42,6 +43,7 @@ import numpy as np
 
 import latin_fmu
 from latin_fmu.decks.dat_file import DatBlock, read_dat
+from latin_fmu.decks.exact import without_penalty
 from latin_fmu.decks.frd_file import read_frd
 from latin_fmu.decks.importing import ImportedDeck, import_deck
 from latin_fmu.decks.print_cards import DeckPrints
@@ -72,6 +74,7 @@ class Row:
     small: str = ""
     difference: float | None = None
     worst: str = ""
+    exact: float | None = None
     theirs: float | None = None
     cpu: float | None = None
     cpu_ccx: float | None = None
@@ -94,17 +97,20 @@ def alone(file: Path, units: str | None) -> dict[str, Any]:
     moved = largest_gradient(deck, solution)
     if moved is not None:
         facts["small"] = "yes" if max(moved) < SMALL else "no"
-    ours = list(printed_blocks(deck.prints, solution))
-    theirs = read_dat(reference(file, ".dat.ref"))
+    prints, theirs = deck.prints, read_dat(reference(file, ".dat.ref"))
     if not theirs:
         filed = read_frd(reference(file, ".frd.ref"))
         theirs = [DatBlock("U", EVERY_NODE, b.time, b.labels[:, None], b.values) for b in filed if b.kind == "U"]
-        ours = list(printed_blocks(of_every_node(deck.prints), solution))
-    facts["difference"], facts["worst"] = distance(ours, theirs)
+        prints = of_every_node(deck.prints)
+    facts["difference"], facts["worst"] = distance(list(printed_blocks(prints, solution)), theirs)
     if facts["difference"] is None:
-        ours = list(printed_blocks(of_every_node(deck.prints), solution))
-        facts["difference"], facts["worst"] = distance(ours, printed_besides(file))
-        facts["worst"] = f"{facts['worst']} (ccx here)" if facts["worst"] else ""
+        prints, theirs = of_every_node(deck.prints), printed_besides(file)
+        facts["difference"], facts["worst"] = distance(list(printed_blocks(prints, solution)), theirs)
+        facts["worst"] += " (ccx here)" * bool(facts["worst"])
+    if (rigid := without_penalty(tables)) is not None:
+        exact = latin_fmu.solve(latin_fmu.scene_from_dict(rigid, file.parent))
+        if exact.trustworthy:
+            facts["exact"] = distance(list(printed_blocks(prints, exact)), theirs)[0]
     return facts
 
 
@@ -318,6 +324,7 @@ TITLES = (
     "small",
     "from the reference",
     "block",
+    "exact",
     "ccx",
     "CPU s",
     "CPU s, ccx",
@@ -326,10 +333,10 @@ TITLES = (
 
 def cells_of(row: Row) -> list[str]:
     """A row as text."""
-    percent = ["" if x is None else f"{100.0 * x:.2g} %" for x in (row.difference, row.theirs)]
+    percent = ["" if x is None else f"{100.0 * x:.2g} %" for x in (row.difference, row.exact, row.theirs)]
     seconds = ["" if x is None else f"{x:.2g}" for x in (row.cpu, row.cpu_ccx)]
     counts = [str(row.cards or ""), str(row.elements or ""), str(row.nodes or "")]
-    return [row.deck, *counts, short(row.outcome), row.small, percent[0], row.worst, percent[1], *seconds]
+    return [row.deck, *counts, short(row.outcome), row.small, percent[0], row.worst, *percent[1:], *seconds]
 
 
 def short(outcome: str) -> str:

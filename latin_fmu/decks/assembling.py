@@ -26,6 +26,8 @@ from .translation import LEFT_OUT, MOTIONS, CardUse, Translation
 _TIGHTENING: Final = ("bolt_force", "bolt_shift")
 _PLAIN: Final = ("C3D4", "C3D10", "C3D8", "C3D8I", "C3D20", "C3D20R", "C3D27", "C3D6", "C3D15", "C3D5", "C3D13")
 """Types of elements that a body has as they are in the deck."""
+_BENDING: Final = ("C3D8I", "C3D8R")
+"""Types of elements that get bending modes: one point has no stiffness in bending, eight have far too much."""
 _WAVE_SPEED: Final = 5000.0  # m/s, of metals: for a density that nothing depends on
 
 
@@ -112,8 +114,8 @@ def _ordered(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _add_types(deck: Translation) -> None:
-    """What the types of elements are here: a line for each that differs, bending modes for C3D8I, reduced rules for
-    C3D20R and C3D6."""
+    """What the types of elements are here: a line for each that differs, bending modes for C3D8I and C3D8R, reduced
+    rules for C3D20R and C3D6."""
     mixed = _add_reduced(deck)
     for name, place in deck.model.element_types.items():
         kind = element_type(name)
@@ -121,7 +123,12 @@ def _add_types(deck: Translation) -> None:
             continue
         if kind is not None and kind[0] in CORNERS:
             text = f"{name}: integrated fully here, stiffer in bending and shear than its own rule"
-            if re.fullmatch(r"C3D\d+[A-Z]*H", name):
+            if name == "C3D8R":
+                text = (
+                    "C3D8R: with bending modes here, as C3D8I; its one point in CalculiX is softer in bending, the more "
+                    "so the fewer elements are across"
+                )
+            elif re.fullmatch(r"C3D\d+[A-Z]*H", name):
                 text = f"{name}: a displacement element here, too stiff where the material is incompressible"
             deck.uses.append(CardUse(LEFT_OUT, "ELEMENT", place, text))
         elif kind is not None:
@@ -132,11 +139,11 @@ def _add_types(deck: Translation) -> None:
             if not fills_volume(name):
                 what = "*ELEMENT: beams, springs, masses and their like are not translated"
             deck.problems.append(Problem(f"{place.where}, line {place.line}", what, name))
-    bending = deck.content.types.get("C3D8I", {})
     for group, part in deck.parts.items():
         hexahedra = deck.content.volumes[group].get("hexahedron")
-        if hexahedra is not None and np.isin(hexahedra, bending.get("hexahedron", hexahedra[:0])).any():
-            deck.tables["substructure"][part]["bending_modes"] = True
+        for name in _BENDING if hexahedra is not None else ():
+            if np.isin(hexahedra, deck.content.types.get(name, {}).get("hexahedron", hexahedra[:0])).any():
+                deck.tables["substructure"][part]["bending_modes"] = True
 
 
 def _add_reduced(deck: Translation) -> set[str]:

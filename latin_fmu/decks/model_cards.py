@@ -261,8 +261,8 @@ def _law(deck: Translation, card: Card, law: dict[str, Any]) -> dict[str, Any]:
 
 
 def _points(deck: Translation, kind: str, slave: str, master: str) -> dict[str, str]:
-    """The slave gives the points: its nodes are those of the deck in NODE TO SURFACE. Other types have many points on each
-    of its facets, and nodes of facets that are larger than those of the master would be too few."""
+    """The slave gives the points: in NODE TO SURFACE they are its nodes. Other types have many points on each of its
+    facets, and nodes of facets that are larger than those of the master would be too few."""
     if kind in ("", "NODE TO SURFACE"):
         return {"points_from": "E"}
     size, other = (mean_facet(deck.content, surface) for surface in (slave, master))

@@ -450,7 +450,7 @@ class Recovery:
         Parameters
         ----------
         displacement : (n_node, 3), m. number : of the block of cells. rows : of its cells. rule : the points; with
-        bending modes those of the stiffness.
+        bending modes those of the stiffness, or the centre.
 
         Returns
         -------
@@ -460,7 +460,8 @@ class Recovery:
         block = replace(blocks[number], cells=blocks[number].cells[rows])
         points = points_in(self._elements.mesh.nodes, block, rule)
         slopes = np.einsum("cpaj,cai->cpij", points.gradients, displacement[block.cells], optimize=True)
-        if self._bending and block.cell_type in BENDING_CELLS:
+        # at the centre alone the modes have no slope
+        if self._bending and block.cell_type in BENDING_CELLS and len(rule.weights) > 1:
             slopes += mode_slopes(points, self._material, displacement[None, block.cells])[0]
         strain = symmetric(slopes)
         stress = self._material.stress(strain)

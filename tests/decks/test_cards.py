@@ -274,7 +274,7 @@ def test_parts_that_share_nodes_are_bonded(tmp_path: Path) -> None:
     assert moved[1] == pytest.approx(moved[0], rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize(("kind", "words"), [("C3D8R", "integrated fully"), ("C3D8H", "displacement element")])
+@pytest.mark.parametrize(("kind", "words"), [("C3D8R", "with bending modes"), ("C3D8H", "displacement element")])
 def test_elements_that_differ_are_named(kind: str, words: str, tmp_path: Path) -> None:
     found = imported(plain().replace("C3D8,", f"{kind},"), tmp_path)
     assert any(line.startswith("left out: *ELEMENT") and words in line for line in found.summary())

@@ -13,6 +13,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.decks.importing import ImportedDeck, import_deck
+from latin_fmu.decks.printed import printed_blocks
 from latin_fmu.results.solution import Solution
 
 from .beside import displacements
@@ -187,6 +188,17 @@ def test_a_motion_is_that_of_calculix(name: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(here[row], values, atol=tolerance * scale)
 
 
+def test_an_explicit_step_is_that_of_calculix(tmp_path: Path) -> None:
+    """*DYNAMIC, EXPLICIT: ccx 2.20 chooses its increments; what is printed is the end of the step."""
+    step = "*STEP, INC=100000, AMPLITUDE=RAMP\n*DYNAMIC, EXPLICIT\n2e-8, 8e-6\n"
+    deck = one_block(BAR) + STEEL + HELD + f"{step}*CLOAD\nTOP, 3, 100.\n"
+    deck += OUTPUT.replace("NSET=TIP", "NSET=TIP, FREQUENCY=1000") + "*END STEP\n"
+    [there] = displacements(deck, tmp_path, "TIP").values()
+    assert imported(deck, tmp_path).tables["solver"] == {"propagator": "explicit"}
+    here = solved(deck, tmp_path).sensors["TIP"].displacement[-1]
+    np.testing.assert_allclose(here, there[0], atol=5e-3 * np.abs(there).max())
+
+
 def test_rayleigh_damping_is_that_of_calculix(tmp_path: Path) -> None:
     """*DAMPING with both coefficients: of a body that nothing drives both codes have the same matrix."""
     steel = STEEL.replace("*DENSITY", "*DAMPING, ALPHA=2e4, BETA=1e-6\n*DENSITY")
@@ -197,3 +209,27 @@ def test_rayleigh_damping_is_that_of_calculix(tmp_path: Path) -> None:
     free = solved(deck.replace("*DAMPING, ALPHA=2e4, BETA=1e-6\n", ""), tmp_path).sensors["TIP"].displacement[-1]
     assert np.abs(free - last).max() > 0.02 * np.abs(last).max()
     np.testing.assert_allclose(here[-1], last, atol=2e-3 * np.abs(last).max())
+
+
+def test_one_point_elements_have_bending_modes(tmp_path: Path) -> None:
+    """C3D8R: pulled as in CalculiX, stresses at the centres, too; bent as by the beam, which its one point misses."""
+    pulled = one_block(BAR, "C3D8R") + STEEL + "*BOUNDARY\nBOTTOM, 3, 3\n1, 1, 2\n3, 2, 2\n"
+    deck = pulled + static("*DSLOAD\nUP, P, -10.\n" + OUTPUT)
+    found = imported(deck, tmp_path)
+    assert found.tables["substructure"]["BLOCK"]["bending_modes"] is True
+    there = displacements(deck, tmp_path, "TIP")[1.0][0]
+    here = solved(deck, tmp_path).sensors["TIP"].displacement[-1]
+    np.testing.assert_allclose(here, there, atol=3e-6 * np.abs(there).max())
+    long = block((0.0, 0.0, 0.0), (10.0, 10.0, 100.0), (2, 2, 20))
+    text = one_block(long, "C3D8R") + STEEL + HELD
+    text += static("*CLOAD\nTOP, 1, 10.\n" + OUTPUT + "*EL PRINT, ELSET=BLOCK\nS\n")
+    found = imported(text, tmp_path)
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(dict(found.tables), tmp_path))
+    force, stiffness = 90.0, 210e3 * 10.0**4 / 12.0
+    bent = force * 100.0**3 / (3.0 * stiffness) + 1.2 * force * 100.0 / (210e3 / 2.6 * 100.0)
+    assert solution.sensors["TIP"].displacement[-1, 0] == pytest.approx(bent, rel=1.5e-2)
+    stress = list(printed_blocks(found.prints, solution))[-1]
+    assert stress.labels.shape == (long.n_cell, 2)
+    # in the middle of the third layer, at 2.5 mm from the neutral plane: M = 90 N * 87.5 mm
+    third = stress.values[8:12, 2]
+    np.testing.assert_allclose(np.abs(third), 90.0 * 87.5 * 2.5 / (10.0**4 / 12.0), rtol=2e-2)

@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import latin_fmu
+from latin_fmu.decks.printed import printed_blocks
+
 from .beside import displacements
 from .blocks import HELD, OUTPUT, STEEL, block, contact, one_block, static, two_blocks
 from .test_computed import imported, solved
@@ -189,3 +192,18 @@ def test_facets_of_the_slave_that_are_larger_do_not_give_the_points(tmp_path: Pa
     here = solved(deck, tmp_path).sensors["TIP"].displacement[-1]
     there = displacements(deck, tmp_path, "TIP")[1.0][0]
     np.testing.assert_allclose(here, there, atol=0.02 * np.abs(there).max())
+
+
+def test_a_clearance_is_that_of_calculix_at_the_end_of_the_step(tmp_path: Path) -> None:
+    """*CLEARANCE over a gap of the meshes: ccx 2.20 lets the one become the other over the step."""
+    deck = pair(LINEAR, GUIDED + "*BOUNDARY\nTOP, 3, 3, -0.1\n", "", 0.05, "0.1, 1.")
+    deck = deck.replace("*SURFACE INT", "*CLEARANCE, MASTER=LOWUP, SLAVE=HIGHDOWN, VALUE=0.02\n*SURFACE INT")
+    deck = deck.replace(OUTPUT, "*NODE PRINT, NSET=NHIGH\nU\n").replace(
+        "*STEP\n*STATIC", "*STEP, NLGEOM\n*STATIC, DIRECT"
+    )
+    there = displacements(deck, tmp_path, "NHIGH")[1.0]
+    found = imported(deck, tmp_path)
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(dict(found.tables), tmp_path))
+    *_, printed = printed_blocks(found.prints, solution)
+    np.testing.assert_allclose(printed.values, there, atol=1e-4 * np.abs(there).max())
+    assert np.ptp(there[:, 2]) > 0.01  # the upper block is pressed
