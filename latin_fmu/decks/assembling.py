@@ -125,8 +125,8 @@ def _add_types(deck: Translation) -> None:
             text = f"{name}: integrated fully here, stiffer in bending and shear than its own rule"
             if name == "C3D8R":
                 text = (
-                    "C3D8R: with bending modes here, as C3D8I; its one point in CalculiX is softer in bending, the more "
-                    "so the fewer elements are across"
+                    "C3D8R: with bending modes here, as C3D8I; its one point in CalculiX is softer in bending, "
+                    "the more so the fewer elements are across"
                 )
             elif re.fullmatch(r"C3D\d+[A-Z]*H", name):
                 text = f"{name}: a displacement element here, too stiff where the material is incompressible"
