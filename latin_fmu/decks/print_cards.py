@@ -15,6 +15,8 @@ import numpy as np
 
 from ..mesh_files.content import MeshContent
 from ..mesh_files.deck_card import Card
+from ..results.writing import FILED as FRD
+from ..results.writing import PRINTED as DAT
 from .frd_file import ELEMENTS
 from .histories import DeckStep
 from .translation import PrintRequest, Translation
@@ -135,9 +137,9 @@ def output(deck: Translation, card: Card) -> None:
         deck.output(**keys)
     into = ""
     if printed:
-        file = ".frd" if _SAME.get(card.keyword, card.keyword) in FILED else ".dat"
-        of = card.name("NSET") or card.name("ELSET") or ("all nodes" if file == ".frd" else "the contact")
-        into = f"; {', '.join(printed)} of {of} in the {file}"
+        nobody = "all nodes" if _SAME.get(card.keyword, card.keyword) in FILED else "the contact"
+        of = card.name("NSET") or card.name("ELSET") or nobody
+        into = f"; {', '.join(printed)} of {of} in the {_file_of(card)}"
     if points:
         deck.used(card, f"{points} [sensor.NAME]{into}")
     elif keys or "CF" in words:
@@ -148,10 +150,14 @@ def output(deck: Translation, card: Card) -> None:
         deck.left_out(card, f"{', '.join(lost)}: not in the results")
     unprinted = [word for word in words if word not in printed and word not in lost]
     if unprinted:
-        file = ".dat" if card.keyword.endswith("PRINT") else ".frd"
-        deck.left_out(card, f"{', '.join(unprinted)}: in the results, not in the {file}")
+        deck.left_out(card, f"{', '.join(unprinted)}: in the results, not in the {_file_of(card)}")
     if not words:
         deck.left_out(card, "no quantities named, the results have theirs")
+
+
+def _file_of(card: Card) -> str:
+    """Suffix of the file that a card writes."""
+    return DAT if card.keyword.endswith("PRINT") else FRD
 
 
 def _sensors(deck: Translation, card: Card) -> int:
@@ -210,8 +216,7 @@ def _request(deck: Translation, card: Card, words: Sequence[str]) -> tuple[str, 
     if card.keyword == "CONTACT PRINT":
         target = f"{card.name('SLAVE')}/{card.name('MASTER')}"
     if why is not None:
-        file = ".frd" if keyword in FILED else ".dat"
-        deck.left_out(card, f"{', '.join(printed)} of {target or 'all nodes'}: not in the {file}, {why}")
+        deck.left_out(card, f"{', '.join(printed)} of {target or 'all nodes'}: not in the {_file_of(card)}, {why}")
         return ()
     if card.name("TIME POINTS"):
         deck.left_out(card, "TIME POINTS: all instants are printed")
