@@ -141,7 +141,9 @@ def _add_types(deck: Translation) -> None:
             deck.problems.append(Problem(f"{place.where}, line {place.line}", what, name))
     for group, part in deck.parts.items():
         hexahedra = deck.content.volumes[group].get("hexahedron")
-        for name in _BENDING if hexahedra is not None else ():
+        if hexahedra is None:
+            continue
+        for name in _BENDING:
             if np.isin(hexahedra, deck.content.types.get(name, {}).get("hexahedron", hexahedra[:0])).any():
                 deck.tables["substructure"][part]["bending_modes"] = True
 
