@@ -48,7 +48,8 @@ class FacePair:
     sags : (n_point,) how far the facets there are from the smooth surfaces they stand for, both sides, m.
     shares : covered share of the area of each side.
     chord : how far flat facets of round faces are from those at most, m; 0 where round faces have curved facets.
-    alike : whether the owner is E because nothing else tells the sides apart.
+    alike : whether the owner is E because nothing else tells the sides apart. passed_over : number of points of the
+    other side, where it would give them but for directions in which these cannot move; 0 elsewhere.
     linear : see ``InterfaceGeometry``.
     """
 
@@ -64,6 +65,7 @@ class FacePair:
     chord: float = 0.0
     alike: bool = False
     linear: sp.csr_array | None = None
+    passed_over: int = 0
 
 
 def by_mortar(
@@ -100,7 +102,10 @@ def by_mortar(
         side = finer
     alone = [pair.held_alone(s) for s in (0, 1)]
     if alone[side] > alone[1 - side]:
-        return pair.from_side(1 - side)
+        contact, lost = pair.from_side(1 - side), pair.mortar(side)
+        if contact is None or lost is None:
+            return contact
+        return replace(contact, passed_over=len(lost.areas))
     contact = pair.from_side(side)
     tied = preferred is None and len(covered) != 1 and alone[0] == alone[1]
     if contact is None:

@@ -268,6 +268,7 @@ _OUT_OF_FACE = 0.1  # component of an axis of a form along the normal: its cosin
 _STRAIGHT = 1e-6
 _TOUCH = 1e-12  # gap that counts as closed without slip, over the size of the faces: round-off of displacements
 _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
+_FEWER = 2  # times as many points on the side that was passed over: the choice is named
 
 
 def build_interface(
@@ -300,7 +301,7 @@ def build_interface(
     pair, frames, cells = placed
     if not interface.against_ground:
         remarks += remarks_of("area", _area_remarks(name, interface, pair, units))
-        remarks += remarks_of("points", _alike_remarks(name, sides, pair))
+        remarks += remarks_of("points", _owner_remarks(name, sides, pair))
     opening = initial_opening(name, interface, pair, sides, problems, remarks)
     if opening is None:
         return None
@@ -440,8 +441,15 @@ def _face_pair(
     return pair
 
 
-def _alike_remarks(name: str, sides: Sequence[Side], pair: FacePair) -> list[str]:
-    """A remark on points that come from side E because nothing but the order of the sides tells them apart."""
+def _owner_remarks(name: str, sides: Sequence[Side], pair: FacePair) -> list[str]:
+    """A remark on points that come from side E because nothing but the order of the sides tells them apart, or from a
+    side that has few of them because supports hold nodes of the other one."""
+    if _FEWER * len(pair.points) < pair.passed_over:
+        here, there = (sides[i][0].name for i in (pair.owner, 1 - pair.owner))
+        return [
+            f"interface {name}: it has {len(pair.points)} points, those of {here}, as supports hold some of the "
+            f"{pair.passed_over} of {there}: parts may tilt on so few; points_from chooses the other side"
+        ]
     if not pair.alike:
         return []
     faces = " and ".join(f"{body.name}" for body, _ in sides)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.building import discretise
 from latin_fmu.decks.printed import printed_blocks
 
 from .beside import displacements
@@ -207,3 +208,13 @@ def test_a_clearance_is_that_of_calculix_at_the_end_of_the_step(tmp_path: Path) 
     *_, printed = printed_blocks(found.prints, solution)
     np.testing.assert_allclose(printed.values, there, atol=1e-4 * np.abs(there).max())
     assert np.ptp(there[:, 2]) > 0.01  # the upper block is pressed
+
+
+def test_few_points_because_of_a_support_are_named(tmp_path: Path) -> None:
+    """A scene that leaves the side to the program: one point in the place of nine has a remark."""
+    for held, named in (("", False), ("*BOUNDARY\n{first}, 1, 1\n", True)):
+        tables = dict(imported(punched("SURFACE TO SURFACE", held), tmp_path).tables)
+        del tables["interface"]["JOINT"]["points_from"]
+        remarks = discretise(latin_fmu.scene_from_dict(tables, tmp_path)).remarks
+        said = [str(remark) for remark in remarks if "it has 1 points, those of LOW" in str(remark)]
+        assert bool(said) == named
