@@ -167,9 +167,16 @@ def _values(variable: Variable, facts: Facts) -> dict[str, str]:
     return attributes
 
 
-def _dependencies(variable: Variable, places: dict[str, int]) -> str:
+def _initial_dependencies(variable: Variable, places: dict[str, int]) -> str:
     """Variables an output depends on at initialization, by the numbers the version of the FMI uses."""
     return " ".join(str(places[name]) for name in variable.initial_dependencies)
+
+
+def _dependencies(variable: Variable, table: Sequence[Variable], places: dict[str, int]) -> str:
+    """Inputs that an output at the end of a step depends on, likewise: those of its directional derivatives."""
+    if not variable.follows_inputs:
+        return ""
+    return " ".join(str(places[other.name]) for other in table if other.causality == "input")
 
 
 # -- co-simulation ------------------------------------------------------------------------------------------------
@@ -199,8 +206,8 @@ def fmi2_description(facts: Facts) -> Element:
         if variable.causality == "output":
             place = str(places[variable.name])
             # empty: depends on nothing; without the attribute it would depend on everything
-            SubElement(now, "Unknown", {"index": place, "dependencies": ""})
-            SubElement(start, "Unknown", {"index": place, "dependencies": _dependencies(variable, places)})
+            SubElement(now, "Unknown", {"index": place, "dependencies": _dependencies(variable, facts.table, places)})
+            SubElement(start, "Unknown", {"index": place, "dependencies": _initial_dependencies(variable, places)})
     return root
 
 
@@ -229,9 +236,9 @@ def fmi3_description(facts: Facts) -> Element:
     for tag in ("Output", "InitialUnknown"):
         for variable in outputs:
             if tag == "Output":
-                depends = ""
+                depends = _dependencies(variable, facts.table, places)
             else:
-                depends = _dependencies(variable, places)
+                depends = _initial_dependencies(variable, places)
             SubElement(structure, tag, {"valueReference": str(places[variable.name]), "dependencies": depends})
     return root
 

@@ -126,7 +126,7 @@ class OutputKind:
         output.
     integral : of the output before it since the start, by the trapezoidal rule.
     at_start : whether it depends on inputs when initialization ends. least, most : limits. constant : whether its
-        derivatives by inputs are 0.
+        derivatives by inputs are 0. of_clock : whether it follows from the lengths of the steps alone.
     over_window : meaning of the array over the instants of a window; none where empty.
     lag : half of a part that explicit schemes take as the mean over the last two instants, likewise; None: none.
     """
@@ -141,6 +141,7 @@ class OutputKind:
     least: float | None = None
     most: float | None = None
     constant: bool = False
+    of_clock: bool = False
     over_window: str = ""
     lag: Callable[..., Any] | None = None
 
@@ -274,8 +275,8 @@ BOLT: Final = Family(
 )
 
 
-def _solver(name: str, unit: str, meaning: str, least: float | None = None, most: float | None = None) -> OutputKind:
-    return OutputKind(name, unit, meaning, least=least, most=most, constant=True)
+def _solver(name: str, unit: str, meaning: str, **more: Any) -> OutputKind:
+    return OutputKind(name, unit, meaning, constant=True, **more)
 
 
 SOLVER: Final = Family(
@@ -283,12 +284,23 @@ SOLVER: Final = Family(
     lambda scene: {"": scene},
     lambda _name, _scene: {},
     (  # written by the kernels, and summed up in C, as one block in this order
-        _solver("solver.iterations", "1", "iterations of the last step, over all its windows", 0.0),
+        _solver("solver.iterations", "1", "iterations of the last step, over all its windows", least=0.0),
         _solver("solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step"),
-        _solver("solver.converged", "1", "1 where every window of the last step converged, else 0", 0.0, 1.0),
-        _solver("solver.instants", "1", "time steps that ended in the last communication step that ended some", 0.0),
         _solver(
-            "innerTime", "s", "instant of the outputs: the last of the time steps not beyond the communication point"
+            "solver.converged", "1", "1 where every window of the last step converged, else 0", least=0.0, most=1.0
+        ),
+        _solver(
+            *("solver.instants", "1", "time steps that ended in the last communication step that ended some"),
+            least=0.0,
+            of_clock=True,
+        ),
+        _solver(
+            *(
+                "innerTime",
+                "s",
+                "instant of the outputs: the last of the time steps not beyond the communication point",
+            ),
+            of_clock=True,
         ),
     ),
 )
@@ -389,7 +401,8 @@ class Placed(NamedTuple):
                 depends = inputs
             else:
                 depends = ()
-            yield output(name, row.unit, text, minimum=row.least, maximum=row.most, initial_dependencies=depends)
+            limits = {"minimum": row.least, "maximum": row.most}
+            yield output(name, row.unit, text, **limits, initial_dependencies=depends, follows_inputs=not row.of_clock)
 
 
 def outputs_of(scene: Scene) -> Iterator[Placed]:

@@ -26,8 +26,9 @@ class Variable:
     unit : UDUNITS string, None where there is none (strings, whole numbers).
     start : initial value; None for outputs, which are calculated.
     minimum, maximum, nominal : None where not stated. A nominal is the size expected, > 0.
-    initial_dependencies : names of the variables an output depends on when initialization ends. (During a step
-        no output depends on an input of the same communication point: there is no direct feedthrough.)
+    initial_dependencies : names of the variables an output depends on when initialization ends.
+    follows_inputs : whether an output at the end of a step depends on the inputs over it; on all of them, as each moves
+        the whole assembly.
     dimensions : sizes of an array, numbers or names of structural parameters; () for a scalar. FMI 3 only.
     """
 
@@ -42,6 +43,7 @@ class Variable:
     maximum: float | None = None
     nominal: float | None = None
     initial_dependencies: tuple[str, ...] = ()
+    follows_inputs: bool = True
     dimensions: tuple[int | str, ...] = ()
 
     @property

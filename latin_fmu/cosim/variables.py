@@ -138,11 +138,13 @@ def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
         about = f"amplitudes of {variable_of(source.name).replace('.', ' ', 1)} at history.time"
         name = input_variable(source.name, "history")
         yield parameter(name, "real", source.start, about, unit=source.words[0], dimensions=size)
-    yield output("window.count", "1", "number of instants of the window, its start included", minimum=0.0)
-    yield output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=_INSTANTS)
+    about = "number of instants of the window, its start included"
+    yield output("window.count", "1", about, minimum=0.0, follows_inputs=False)
+    about = "instants of the window, 0 beyond the last"
+    yield output("window.time", "s", about, dimensions=_INSTANTS, follows_inputs=False)
     for placed in outputs_of(scene):
         if placed.row.over_window:
-            what, n = f"{placed.row.over_window} at the instants of the window", len(placed.names)
+            what, n = f"{placed.row.over_window} at the instants of the window, 0 beyond the last", len(placed.names)
             where, _, name = placed.stem.rpartition(".")
             sizes: tuple[str | int, ...] = _INSTANTS
             if n > 1:

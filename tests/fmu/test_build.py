@@ -56,6 +56,23 @@ def test_contents(fmus, fmi):
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
 
 
+def test_terminals_have_names_of_their_own(tmp_path):
+    """Unique among their siblings, as members are in a terminal (FMI 3, 2.4.9), whatever the scene names alike."""
+    port = {"face": "upper.ymax", "causality": "force_in"}
+    sensor = {"substructure": "upper", "point": [0.005, 0.005, 0.02]}
+    fmu = build_fmu(blocks(port={"crush": port}, sensor={"crush": sensor, "press": sensor}), tmp_path / "a.fmu", "3")
+    assert validate(fmu) == []
+    with zipfile.ZipFile(fmu) as archive:
+        found = fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml")).findall("Terminals/Terminal")
+        names = {v.get("name") for v in fromstring(archive.read("modelDescription.xml")).find("ModelVariables")}
+    kinds = ("interface.crush", "load.press", "port.crush", "sensor.crush", "sensor.press")
+    assert sorted(terminal.get("name") for terminal in found) == sorted(kinds)
+    for terminal in found:
+        members = [(member.get("variableName"), member.get("memberName")) for member in terminal]
+        assert len(dict(members)) == len({name for _, name in members}) == len(members) >= 2
+        assert all(f"{terminal.get('name')}.{name}" == variable in names for variable, name in members)
+
+
 LABELS = {
     "author": "A. Engineer & Co.",
     "version": "3.1",

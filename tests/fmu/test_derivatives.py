@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from xml.etree.ElementTree import fromstring
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -66,6 +68,40 @@ def test_equal_to_the_session(host):
     assert host.step(3 * H, H)
     assert session.step(3 * H, H)
     assert host.read(session.outputs) == pytest.approx(session.row, rel=ROUND_OFF, abs=1e-18)
+
+
+def test_dependencies_are_those_of_the_derivatives(host, made, fmi):
+    """An input that is not listed has no derivative (FMI 3, 2.4); the clock depends on none."""
+    host.start()
+    for i in range(3):
+        host.set(load__press__value=0.4 * i + 0.1, load__press__rate=1e4)
+        assert host.step(i * H, H)
+    listed = dependencies(made[fmi], "Output")
+    known = [name for name in host.outputs if not name.startswith(("interface.crush.last", "window"))]  # have none
+    for name in KNOWNS:
+        column = derivative(host, known, [name], [1.0])
+        assert {known[i] for i in np.flatnonzero(column)} <= {output for output in listed if name in listed[output]}
+        assert np.count_nonzero(column) > 20
+    clock = {"innerTime", "solver.instants", *(["window.count", "window.time"] if fmi == "3" else [])}
+    assert {output for output, names in listed.items() if not names} == clock
+    assert all(names in ([], KNOWNS) for names in listed.values())
+    initial = dependencies(made[fmi], "InitialUnknown")
+    assert initial["interface.crush.force[3]"] == KNOWNS[:1]
+    assert initial["interface.crush.velocityEp[3]"] == []
+
+
+def dependencies(fmu: Path, tag: str) -> dict[str, list[str]]:
+    """Names that the model structure lists for each variable."""
+    with ZipFile(fmu) as archive:
+        root = fromstring(archive.read("modelDescription.xml"))
+    variables = list(root.find("ModelVariables"))
+    if root.get("fmiVersion") == "2.0":
+        names = {str(i): v.get("name") for i, v in enumerate(variables, 1)}
+        unknowns, key = root.findall(f"ModelStructure/{tag}s/Unknown"), "index"
+    else:
+        names = {v.get("valueReference"): v.get("name") for v in variables}
+        unknowns, key = root.findall(f"ModelStructure/{tag}"), "valueReference"
+    return {names[u.get(key)]: [names[place] for place in u.get("dependencies").split()] for u in unknowns}
 
 
 def test_equal_to_differences_by_rollback(host):

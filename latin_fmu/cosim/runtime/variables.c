@@ -99,14 +99,14 @@ void free_variables(struct Object *o)
 }
 
 /* -- reading --------------------------------------------------------------------------------------------------------- */
-/* Array with the instants of the last step as rows: the last ones where there are too many, NaN behind them. */
+/* Array with the instants of the last step as rows: the last ones where there are too many, 0 behind them. */
 static void put_window(const Instance *c, int64_t size, const double *from, int64_t stride, int64_t width, double *to)
 {
     const struct Object *o = c->fmu;
     int64_t skipped = o->n_row > size ? o->n_row - size : 0;
     for (int64_t row = 0; row < size; row++)
         for (int64_t k = 0; k < width; k++)
-            *to++ = row + skipped < o->n_row ? from[(row + skipped) * stride + k] : (double)NAN;
+            *to++ = row + skipped < o->n_row ? from[(row + skipped) * stride + k] : 0.0;
 }
 
 /* Row of the fields of the points that belongs to the present time. */
@@ -132,11 +132,11 @@ static void put(const Instance *c, int64_t reference, double *to, size_t count)
     case WINDOW_COUNT: *to = fmin((double)o->n_row, parameter(c, T_WINDOW_SIZE, 1.0)); break;
     case WINDOW_TIME:
         put_window(c, (int64_t)count, o->times, 1, 1, to);
-        for (size_t i = 0; i < count; i++) to[i] += o->start;
+        for (int64_t i = 0; i < (int64_t)count && i < o->n_row; i++) to[i] += o->start;
         break;
     case WINDOW: put_window(c, (int64_t)count / v[V_WIDTH].i, o->rows + place, n_output, v[V_WIDTH].i, to); break;
     case POINT_FIELD:
-        for (size_t i = 0; i < count; i++) to[i] = field ? field[place + (int64_t)i] : (double)NAN;
+        for (size_t i = 0; i < count; i++) to[i] = field ? field[place + (int64_t)i] : 0.0;
         break;
     case HISTORY_TIME:
     case HISTORY:
