@@ -17,7 +17,8 @@ from latin_fmu.cosim.variable import UNITS, Variable
 from latin_fmu.model_exchange.equations import Local, Names
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.settings import Fmu
-from latin_fmu.scene.units import SI, UnitSystem, unit_text
+from latin_fmu.scene.unit_texts import GRAVITY
+from latin_fmu.scene.units import ACCELERATION, SI, UnitSystem, unit_text
 
 NAME = "latin_fmu"
 LOG_CATEGORIES = {
@@ -58,7 +59,7 @@ class Facts:
 
     def unit_name(self, unit: str) -> str:
         """What the FMI calls a unit of the table (UDUNITS, SI) in the units of the scene."""
-        if self.units is SI:
+        if self.units.name == SI.name:
             return UNITS[unit].name
         return unit_text(self.units.label(unit)).replace(" ", ".") or "1"
 
@@ -131,6 +132,8 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
                 base = {base: str(power) for base, power in unit.exponents.items()}
                 size = facts.units.size(key)
                 SubElement(defined[name], "BaseUnit", base | ({} if size == 1.0 else {"factor": repr(size)}))
+                if key == ACCELERATION:
+                    SubElement(defined[name], "DisplayUnit", {"name": "g", "factor": repr(size / GRAVITY)})
     categories = SubElement(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         SubElement(categories, "Category", {"name": name, "description": meaning})
@@ -159,6 +162,8 @@ def _values(variable: Variable, facts: Facts) -> dict[str, str]:
     attributes = {}
     if variable.kind == "real" and variable.unit is not None:
         attributes["unit"] = facts.unit_name(variable.unit)
+        if variable.unit == ACCELERATION and facts.units.in_g:
+            attributes["displayUnit"] = "g"
     for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
         if value is not None:
             attributes[key] = _text(float(value) if variable.kind == "real" else int(value))
@@ -495,7 +500,7 @@ def _unit(facts: Facts, unit: str | None) -> str | None:
 
 
 def _units(facts: Facts) -> str:
-    if facts.units is SI:
+    if facts.units.name == SI.name:
         return "SI units"
     return f"Units {facts.units.name}"
 

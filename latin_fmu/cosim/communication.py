@@ -63,6 +63,7 @@ from ..propagator.image import Image, pools_of
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
+from .output_table import measured
 from .product_tables import multiply, settled, without
 from .segments import SegmentedRun
 from .signals import Signals
@@ -130,7 +131,7 @@ class CommunicationRun:
 
     def __init__(self, scene: Scene, tolerance: float | None = None, python: bool = False) -> None:
         self.scene, self.sources = scene, Sources.of(scene)
-        segmented = SegmentedRun(scene, tolerance)
+        segmented = SegmentedRun(measured(scene), tolerance)
         segmented.settle({})
         self.problem = segmented.problem
         with one_thread():

@@ -1,9 +1,10 @@
 """The outputs of a co-simulation, one row each.
 
 A row says how an output is called, its unit and meaning, its numbers, and how it follows from the signals of an instant
-(``signals``): by a linear function, or as the integral of the output before it over time. What is neither is written by
-the kernels (``kernels.outputs.WRITTEN``). Variables, the record of the run that Python and C march, arrays over a
-window, results and derivatives follow from the rows, in their order.
+(``signals``): by a linear function, or from another output: its integral over time, what it is behind a causal filter,
+its largest length so far. What is neither is written by the kernels (``kernels.outputs.WRITTEN``). Variables, the
+record of the run that Python and C march, arrays over a window, results and derivatives follow from the rows, in their
+order.
 
 Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
 an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
@@ -33,9 +34,12 @@ import numpy as np
 from ..interface.laws import SEPARATION, SLIP, STICK
 from ..latin.outcome import Array, InterfaceHistory
 from ..results.quantities import ENERGY as _TERMS
+from ..scene.boundaries import Driven, Fixed
 from ..scene.interfaces import Interface
+from ..scene.laws import InputLaw
 from ..scene.ports import COMPONENTS, Port
 from ..scene.schema import Scene
+from ..scene.sensors import LowPass, Sensor
 from ..scene.settings import ModalPropagatorTable
 from .variable import AXES, Variable, output
 
@@ -127,7 +131,9 @@ class OutputKind:
     integral : of the output before it since the start, by the trapezoidal rule.
     at_start : whether it depends on inputs when initialization ends. least, most : limits. constant : whether its
         derivatives by inputs are 0. of_clock : whether it follows from the lengths of the steps alone.
-    over_window : meaning of the array over the instants of a window; none where empty.
+    largest : name of the output of the owner whose largest length since the start it is, empty for none. filtered :
+        whether it is the output before it behind the filter of the owner.
+    over_window : meaning of the array over the instants of a window; none where empty. along : words for the axes.
     lag : half of a part that explicit schemes take as the mean over the last two instants, likewise; None: none.
     """
 
@@ -143,6 +149,9 @@ class OutputKind:
     constant: bool = False
     of_clock: bool = False
     over_window: str = ""
+    largest: str = ""
+    filtered: bool = False
+    along: Sequence[str] = AXES
     lag: Callable[..., Any] | None = None
 
 
@@ -159,6 +168,11 @@ class Family:
     def row(self, name: str) -> OutputKind:
         """The row of a name."""
         return next(row for row in self.rows if row.name == name)
+
+
+def _largest(name: str, unit: str, meaning: str, of: str) -> OutputKind:
+    """The largest length so far of another output of the owner."""
+    return OutputKind(name, unit, meaning, least=0.0, constant=True, largest=of)
 
 
 def _share(name: str, text: str, chosen: Callable[[Any], Any]) -> OutputKind:
@@ -198,6 +212,7 @@ INTERFACE: Final = Family(
             lambda p: 0.0 - np.einsum("p,tpc,pc->t", p.areas, p.traction, p.normals),  # no negative zero
             at_start=True,
         ),
+        _largest("largestForce", "N", "largest resultant force of interface {name} so far", "force"),
         OutputKind(
             *("gap", "m", "mean gap, weighted by area; negative where the sides penetrate"),
             *(lambda p: p.gap @ p.share, _opening),
@@ -216,15 +231,90 @@ def _read(method: str, *what: Any) -> Callable[..., Any]:
     return lambda signals, name: getattr(signals, method)(name, *what)
 
 
-SENSOR: Final = Family(
+def _of_sensor(name: str, sensor: Sensor) -> Mapping[str, str]:
+    return {"about": f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")}
+
+
+def _through_causal(sensor: Sensor) -> Sequence[int | None]:
+    """Axes of what is behind the filter of a sensor, where that needs nothing that is to come."""
+    if isinstance(sensor.filter, LowPass) and not sensor.filter.phaseless:
+        return _vector(sensor)
+    return ()
+
+
+_MOTIONS: Final = (("displacement", "m"), ("velocity", "m s-1"), ("acceleration", "m s-2"))
+
+
+def _motions(first: int, end: int) -> Iterator[OutputKind]:
+    """Displacement (0), velocity (1), acceleration (2) of a sensor, behind its filter, and their largest so far."""
+    for kind, (name, unit) in list(enumerate(_MOTIONS))[first:end]:
+        yield OutputKind(name, unit, f"{name} {{about}}", _read("motion", kind), _vector)
+        if kind == ACCELERATION:
+            about = f"{name} {{about}}, behind its filter"
+            yield OutputKind(f"{name}Filtered", unit, about, axes=_through_causal, filtered=True)
+        yield _largest(f"largest{name.capitalize()}", unit, f"largest {name} {{about}}, so far", name)
+
+
+ACCELERATION: Final = 2
+SENSOR: Final = Family("sensor.{}.", lambda scene: scene.sensor, _of_sensor, tuple(_motions(0, ACCELERATION)))
+ACCELERATED: Final = Family(
     "sensor.{}.",
-    lambda scene: scene.sensor,
-    lambda name, sensor: {
-        "about": f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
-    },
+    lambda scene: {} if scene.time.quasi_static else scene.sensor,
+    _of_sensor,
+    tuple(_motions(ACCELERATION, ACCELERATION + 1)),
+)
+
+
+def base_of(scene: Scene) -> str | None:
+    """The face that drives a scene as a base; None where there is none. Faces are a base where all of them are driven
+    alike and nothing else is held along the same axes: then one of them is as good as another."""
+    driven = {name: table for name, table in scene.boundary.items() if isinstance(table, Driven)}
+    if not driven or any(table.axes is not None for table in driven.values()):
+        return None
+    alike = {repr((t.type, t.components, t.value, t.law)) for t in driven.values()}
+    first = next(iter(driven.values()))
+    apart = len(driven) > 1 and isinstance(first.law, InputLaw)  # each may be set to another value
+    held = [table for table in scene.boundary.values() if isinstance(table, Fixed)]
+    if len(alike) > 1 or apart or any(t.axes or set(t.components) & set(first.components) for t in held):
+        return None
+    return first.face
+
+
+BASE: Final = "boundary.base"
+"""Name of the sensor on the base that relative motions are measured from."""
+
+
+def measured(scene: Scene) -> Scene:
+    """The scene with a sensor on its base, where outputs are relative to it; histories leave out names with a dot."""
+    base = base_of(scene)
+    if base is None or not scene.sensor:
+        return scene
+    return scene.model_copy(update={"sensor": {**scene.sensor, BASE: Sensor(face=base)}})
+
+
+def _relative_to_base(kind: int) -> Callable[..., Any]:
+    return lambda signals, name: signals.motion(name, kind) - signals.motion(BASE, kind)
+
+
+def _relative(first: int, end: int) -> tuple[OutputKind, ...]:
+    return tuple(
+        OutputKind(f"relative{name.capitalize()}", unit, f"{name} {{about}}, relative to the base", of, _vector)
+        for (name, unit), of in zip(_MOTIONS[first:end], map(_relative_to_base, range(first, end)), strict=True)
+    )
+
+
+RELATIVE: Final = Family(
+    "sensor.{}.",
+    lambda scene: {} if base_of(scene) is None else scene.sensor,
+    _of_sensor,
     (
-        OutputKind("displacement", "m", "displacement {about}", _read("motion", 0), _vector),
-        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),
+        *_relative(0, 2),
+        _largest(
+            "largestRelativeDisplacement",
+            "m",
+            "largest displacement {about}, relative to the base, so far",
+            "relativeDisplacement",
+        ),
     ),
 )
 
@@ -267,11 +357,36 @@ PORT: Final = Family(
         ),
     ),
 )
+_ACROSS: Final = "first direction across its axis", "second direction across its axis"
+
+
+def _across(_: Any) -> Sequence[int | None]:
+    return 0, 1
+
+
 BOLT: Final = Family(
     "bolt.{}.",
     lambda scene: scene.bolt,
     lambda name, bolt: {"name": name, "body": bolt.substructure},
-    (OutputKind("force", "N", "tension of bolt {name} in {body}", _read("tension"), at_start=True),),
+    (
+        OutputKind("force", "N", "tension of bolt {name} in {body}", _read("shank", (0,)), at_start=True),
+        OutputKind(
+            *("shearForce", "N", "shear force of bolt {name} at its cut", _read("shank", (1, 2)), _across),
+            along=_ACROSS,
+            at_start=True,
+        ),
+        OutputKind("torsion", "N m", "torsion of bolt {name} at its cut", _read("shank", (3,)), at_start=True),
+        OutputKind(
+            *("bendingMoment", "N m", "bending moment of bolt {name} at its cut", _read("shank", (4, 5)), _across),
+            along=_ACROSS,
+            at_start=True,
+        ),
+        _largest("largestForce", "N", "largest tension of bolt {name} so far", "force"),
+        _largest("largestShearForce", "N", "largest shear force of bolt {name} at its cut so far", "shearForce"),
+        _largest(
+            "largestBendingMoment", "N m", "largest bending moment of bolt {name} at its cut so far", "bendingMoment"
+        ),
+    ),
 )
 
 
@@ -356,7 +471,7 @@ EVENTS: Final = Family(
         *_event("slips", "lastSlip", "slipping at all points in contact, after one stuck"),
     ),
 )
-FAMILIES: Final = INTERFACE, SENSOR, PORT, BOLT, SOLVER, ENERGY, EVENTS
+FAMILIES: Final = INTERFACE, SENSOR, ACCELERATED, RELATIVE, PORT, BOLT, SOLVER, ENERGY, EVENTS
 """In the order of the outputs; those of events are the last."""
 AT_POINTS: Final[Mapping[str, tuple[str, str, tuple[int, ...]]]] = {
     "traction": ("Pa", "traction on the first side at the points", (0, 3)),
@@ -382,18 +497,33 @@ class Placed(NamedTuple):
         return f"{self.family.prefix.format(self.name)}{self.row.name}"
 
     @property
+    def vector(self) -> str:
+        """Name of the array of its numbers."""
+        return f"{self.family.prefix.format(self.name)}vector.{self.row.name}"
+
+    @property
+    def about(self) -> str:
+        """Its meaning."""
+        return self.row.meaning.format(**self.family.words(self.name, self.owner))
+
+    @property
+    def along(self) -> list[str]:
+        """Words for its numbers."""
+        return [self.row.along[axis] for axis in self.row.axes(self.owner) if axis is not None]
+
+    @property
     def names(self) -> list[str]:
         """Names of its numbers, axes counted from 1."""
         return [self.stem if axis is None else f"{self.stem}[{axis + 1}]" for axis in self.row.axes(self.owner)]
 
     def variables(self, inputs: tuple[str, ...]) -> Iterator[Variable]:
         """Its numbers as variables. inputs : names of the values that are set from outside."""
-        row, about = self.row, self.row.meaning.format(**self.family.words(self.name, self.owner))
+        row, about = self.row, self.about
         for name, axis in zip(self.names, row.axes(self.owner), strict=True):
             if axis is None:
                 text = about
             else:
-                text = f"{about}, {AXES[axis]}"
+                text = f"{about}, {row.along[axis]}"
             if not row.unit:
                 yield Variable(name, "output", "discrete", "integer", text, minimum=row.least)
                 continue
@@ -416,6 +546,11 @@ def places_of(scene: Scene) -> dict[str, int]:
     """Place of every scalar output in a row of outputs, by name."""
     names = [name for placed in outputs_of(scene) for name in placed.names]
     return {name: place for place, name in enumerate(names)}
+
+
+def places_from(family: Family, placed: Placed, name: str, places: Mapping[str, int]) -> list[int]:
+    """Places of another output of the owner of a row, a row of a family of that owner."""
+    return [places[number] for number in Placed(family, placed.name, placed.owner, family.row(name)).names]
 
 
 def first_of_events(places: Mapping[str, int]) -> int:

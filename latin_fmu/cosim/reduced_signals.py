@@ -12,7 +12,7 @@ which knows the instants that follow, has central differences. Accelerations of 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -63,9 +63,9 @@ class OutputRows:
             for name, place in request.places(kind).items():
                 model = models[place.substructure]
                 full = place.full_rows(model, False)
-                # of a bolt the tension alone
+                # of a bolt the cut alone
                 if kind == "tension":
-                    full = full[:1]
+                    full = full[:6]
                 if model.nodal is not None:
                     full = full @ model.nodal
                 rows[kind, name] = placed(tied.where[place.substructure], tied.trace.shape[1], full)
@@ -237,17 +237,22 @@ class ReducedSignals(Signals):
         values = np.ones(len(there)), (there, at[there])
         return sp.csr_array(sp.coo_array(values, shape=(len(channels), self.n)))
 
-    def tension(self, name: str) -> sp.csr_array:
-        """Tension of a bolt."""
+    def differenced(self, _name: str, /) -> bool:
+        """Whether the acceleration of a sensor is the rate of its velocity: relative motions have none."""
+        return True
+
+    def shank(self, name: str, which: Sequence[int]) -> sp.csr_array:
+        """Resultants of the shank of a bolt at its cut."""
         bolt = self._of_bodies.bolts[name]
         number, member = self._place_of(bolt.substructure)
         strained = self._moved(("tension", name), 0)
         if len(self._bodies.propagators[number].branches):
             strained = strained + self._moved(("tension", name), STRAIN)
-        rows = sp.lil_array(-strained)
+        rows = sp.lil_array(-strained[list(which)])
         forcing = self._bodies.propagators[number].forcing
-        for load, amplitude in zip(forcing.members[member].loads, forcing.amplitudes[member], strict=True):
-            self._add_load(rows, 0, load.name, amplitude, bolt.tension_term(load.name))
+        for row, k in enumerate(which):
+            for load, amplitude in zip(forcing.members[member].loads, forcing.amplitudes[member], strict=True):
+                self._add_load(rows, row, load.name, amplitude, bolt.cut_term(load.name, k))
         return sp.csr_array(rows)
 
     # -- interfaces ----------------------------------------------------------------------------------------------------

@@ -62,7 +62,7 @@ HEADER: Final = (
 _KINDS: Final = ("real", "integer", "string", "count")
 _ROLES: Final = (
     *("time", "constant", "parameter", "value", "rate", "output", "text", "history_time", "history"),
-    *("window_count", "window_time", "window", "points"),
+    *("window_count", "window_time", "window", "points", "vector"),
 )
 _NAMED: Final = {
     "mode": "mode",
@@ -105,7 +105,13 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
         return "parameter", 0, 0
     if not variable.is_array:
         return "output", places[name], 0
-    _, interface, group, what = name.split(".")
+    family, interface, group, what = name.split(".")
+    if group == "vector":
+        return (
+            "vector",
+            min(at for number, at in places.items() if number.startswith(f"{family}.{interface}.{what}[")),
+            0,
+        )
     if group == "points":
         return "points", places[name], 0
     scalar = f"interface.{interface}.{what}"

@@ -150,6 +150,10 @@ def _arrays(scene: Scene, n_point: Mapping[str, int]) -> Iterator[Variable]:
             if n > 1:
                 sizes = (*_INSTANTS, n)
             yield output(f"{where}.window.{name}", placed.row.unit, what, dimensions=sizes)
+    for placed in outputs_of(scene):
+        if (n := len(placed.names)) > 1:
+            about = placed.about
+            yield output(placed.vector, placed.row.unit, f"{about}: {', '.join(placed.along)}", dimensions=(n,))
     for name, interface in scene.joints.items():
         for what, (unit, meaning, shape) in AT_POINTS.items():
             if name in n_point and (len(shape) > 1 or interface.behaves_open):

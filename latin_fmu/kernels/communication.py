@@ -334,6 +334,7 @@ def open_outputs(pools: Any) -> None:
     """Outputs of row 0, in which a simulation begins."""
     run, moving = pools.run[0], pools.moving
     moving[run.integral : run.integral + run.n_integral] = 0.0
+    moving[run.passed : run.passed + 2 * run.n_filtered] = 0.0
     gather(pools, 0)
     at = run.output + run.of_solver
     moving[at] = 0.0

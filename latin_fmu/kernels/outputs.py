@@ -1,9 +1,10 @@
 """Outputs of a communication step at its instants, and the fields of the interfaces at their points.
 
 The outputs after a time step are linear in its signals (tractions, velocities, gaps, what sensors and probes read,
-drives, energies), of which a part may be the mean over two instants, or integrals of others over time (trapezoidal
-rule). Written here are the smallest gap and the shares
-of the contact, which are read point by point, contact events, and the numbers of the iteration.
+drives, energies), of which a part may be the mean over two instants. Others follow from them: integrals over time
+(trapezoidal rule), rates over a time step, what leaves a causal filter, and the largest so far. Written here are the
+smallest gap and the shares of the contact, which are read point by point, contact events, and the numbers of the
+iteration.
 """
 
 from __future__ import annotations
@@ -89,6 +90,33 @@ def gather(pools: Any, row: int) -> None:
         summary = summary_of(pools, i)
         if summary[SMALLEST] >= 0:
             summarise(pools, row, summary, outputs)
+    follow(pools, row, outputs)
+
+
+@kernel
+def follow(pools: Any, row: int, outputs: Array) -> None:
+    """Outputs that follow from others of this row and the one before: rates over the time step, which at t = 0 are what
+    the matrix gives; what leaves a filter; largest lengths so far."""
+    run, moving, numbers = pools.run[0], pools.moving, pools.fixed_int
+    before = run.output + (row - 1) * run.n_output
+    for i in range(run.n_rate if row > 0 else 0):
+        of = numbers[run.rates + 2 * i]
+        outputs[numbers[run.rates + 2 * i + 1]] = (outputs[of] - moving[before + of]) / run.dt
+    for i in range(run.n_filtered):
+        at, passed = run.filtered + 3 * i, run.passed + 2 * i
+        section = pools.fixed[run.sections + 5 * numbers[at + 2] :]
+        # transposed direct form II, as the filters of results (``scipy.signal.sosfilt``)
+        entering = outputs[numbers[at]]
+        leaving = section[0] * entering + moving[passed]
+        moving[passed] = section[1] * entering - section[3] * leaving + moving[passed + 1]
+        moving[passed + 1] = section[2] * entering - section[4] * leaving
+        outputs[numbers[at + 1]] = leaving
+    for i in range(run.n_largest):
+        at, square = run.largest + 3 * i, 0.0
+        for k in range(numbers[at + 1]):
+            square += outputs[numbers[at] + k] ** 2
+        to = numbers[at + 2]
+        outputs[to] = max(np.sqrt(square), moving[before + to] if row > 0 else 0.0)
 
 
 @kernel

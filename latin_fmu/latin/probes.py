@@ -186,10 +186,10 @@ class BoltPlace:
         each."""
         return self.pattern.shape[0] // 6, 6
 
-    def tension_term(self, load: str) -> float:
-        """Tension where u = 0 by a load term of amplitude 1, N."""
+    def cut_term(self, load: str, k: int) -> float:
+        """Resultant k of the cut where u = 0 by a load term of amplitude 1, N or N m."""
         if load in self.terms:
-            return float(self.terms[load][0])
+            return float(self.terms[load][k])
         return 0.0
 
     def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:

@@ -20,13 +20,19 @@ def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Arra
     if isinstance(chosen, LowPass):
         order = chosen.order
         if not chosen.phaseless:
-            sections = butter(order, chosen.cutoff, fs=1 / step, output="sos")
-            return np.asarray(sosfilt(sections, values, axis=0))
+            return np.asarray(sosfilt(causal_sections(chosen, step), values, axis=0))
         warped /= (np.sqrt(2.0) - 1.0) ** (0.5 / order)  # -3 dB after both passes
     sections = butter(order, np.arctan(warped) / (np.pi * step), fs=1 / step, output="sos")
     # at most n - 1: the mirror image has no more points
     beyond = min(len(values) - 1, int(np.ceil(3.0 / (chosen.cutoff * step))))
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=beyond))
+
+
+def causal_sections(chosen: LowPass, step: float) -> Array:
+    """Sections (n, 6) of two poles, b0 b1 b2 a0 = 1 a1 a2, of a low pass that runs forwards alone."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(chosen.order, chosen.cutoff, fs=1 / step, output="sos"))
 
 
 def uniform_step(time: Array) -> float:

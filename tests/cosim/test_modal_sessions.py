@@ -26,6 +26,7 @@ MODELS = Path(__file__).parents[2] / "models"
 EXACT = 1e-5  # of the largest of a history: the tolerance of both iterations, rows of displacements being exact
 OF_RATES = 1e-2  # rates of relative motions over the last step, where the run has central differences
 OF_FORCES = 5e-3  # of bonds, reactions and bolts, by the same rates and without accelerations of relative motions
+OF_ACCELERATIONS = 1e-1  # of the stacks, whose steps are a third of the shortest period
 OF_GAPS = 1e-4  # of a few nm in stiff stacks, where both iterate to 1e-5 by other windows
 Histories = Mapping[str, np.ndarray]
 
@@ -99,6 +100,9 @@ def assert_outputs(solution: Solution, outputs: Histories, contacts: tuple[str, 
     for name, sensor in solution.sensors.items():
         assert_close(vector(outputs, f"sensor.{name}.displacement"), sensor.displacement, EXACT)
         assert_close(vector(outputs, f"sensor.{name}.velocity"), sensor.velocity, OF_RATES)
+        # rates over the last step: between those of the run at its ends
+        mean = 0.5 * (sensor.acceleration[1:] + sensor.acceleration[:-1])
+        assert_close(vector(outputs, f"sensor.{name}.acceleration")[1:], mean, OF_ACCELERATIONS)
 
 
 @pytest.mark.parametrize("start", ["static", "given"])
@@ -161,6 +165,10 @@ def test_the_tension_of_a_bolt_is_that_of_the_run() -> None:
     _, outputs = outputs_of(scene, {}, dt)
     for name, bolt in solution.bolts.items():
         assert_close(outputs[f"bolt.{name}.force"], bolt.force, 1e-4)
+        row = bolt.sections.number("cut")
+        for what, of in (("shearForce", bolt.section_force), ("bendingMoment", bolt.section_moment)):
+            found = np.stack([outputs[f"bolt.{name}.{what}[{axis}]"] for axis in (1, 2)], axis=1)
+            assert np.abs(found - of[:, row, 1:]).max() <= 1e-4 * np.abs(of[:, row]).max()
         change = bolt.force - bolt.force[0]
         assert_close(outputs[f"bolt.{name}.force"] - bolt.force[0], change, OF_FORCES)
 

@@ -279,7 +279,7 @@ def test_merged_assembly_carries_the_bolts() -> None:
     force = sum(history[-1] * load.pattern for history, load in zip(amplitudes, model.loads, strict=True))
     u = p @ spsolve(sp.csc_array(p.T @ model.stiffness @ p), p.T @ force)
     bolts = problem.output.bolts
-    told = {n: bolts[n].tension_term(f"bolt.{n}") * bolts[n].description.shortening for n in ("left", "right")}
+    told = {n: bolts[n].cut_term(f"bolt.{n}", 0) * bolts[n].description.shortening for n in ("left", "right")}
     forces = [told[n] - (bolts[n].pattern @ u[merged.where[n]])[0] for n in ("left", "right")]
     assert forces == pytest.approx([4000.0, 3000.0], rel=1e-6)
 

@@ -37,7 +37,7 @@ enum { V_NAME, V_KIND, V_ROLE, V_PLACE, V_WIDTH, V_N_DIMENSION, V_DIMENSION, V_S
 enum { REAL, INTEGER, STRING, COUNT };
 enum {
     TIME, CONSTANT, PARAMETER, VALUE, RATE, OUTPUT, TEXT, HISTORY_TIME, HISTORY, WINDOW_COUNT, WINDOW_TIME, WINDOW,
-    POINT_FIELD
+    POINT_FIELD, VECTOR
 };
 /* Name in a table of histories, names of value and rate, reference of the value. */
 enum { IN_NAME, IN_VALUE, IN_RATE, IN_REFERENCE, IN_ROW };

@@ -129,6 +129,7 @@ static void put(const Instance *c, int64_t reference, double *to, size_t count)
     case VALUE: *to = o->given[2 * place]; break;
     case RATE: *to = o->given[2 * place + 1]; break;
     case OUTPUT: *to = o->now[place]; break;
+    case VECTOR: memcpy(to, o->now + place, count * sizeof *to); break;
     case WINDOW_COUNT: *to = fmin((double)o->n_row, parameter(c, T_WINDOW_SIZE, 1.0)); break;
     case WINDOW_TIME:
         put_window(c, (int64_t)count, o->times, 1, 1, to);
@@ -149,7 +150,7 @@ static void put(const Instance *c, int64_t reference, double *to, size_t count)
 static int is_output(const Instance *c, int64_t reference)
 {
     int64_t role = variable(c, reference)[V_ROLE].i;
-    return role == OUTPUT || role == POINT_FIELD || role == WINDOW || role == WINDOW_COUNT || role == WINDOW_TIME;
+    return role == OUTPUT || role == VECTOR || role == POINT_FIELD || role == WINDOW || role == WINDOW_COUNT || role == WINDOW_TIME;
 }
 
 int get_numbers(Instance *c, const uint32_t *references, size_t n, double *values, size_t size)
