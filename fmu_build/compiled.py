@@ -33,7 +33,7 @@ from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable
 from latin_fmu.results.quantities import AXES, BOLT, ENERGY, LABELS, SENSOR, named
 from latin_fmu.scene.schema import Scene
 
-_CONSTANTS: Final = ("timeStep", "tolerance", "maxIterations")
+CONSTANTS: Final = ("timeStep", "tolerance", "maxIterations")
 """Parameters that an image is made for."""
 
 
@@ -117,7 +117,7 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
 def _variables(table: Sequence[Variable], constant: bool) -> Iterator[Variable]:
     """The variables of an FMU; ``constant`` : whether its image is made beforehand."""
     for variable in table:
-        if constant and variable.name in _CONSTANTS:
+        if constant and variable.name in CONSTANTS:
             about = f"{variable.description.partition(',')[0].partition(';')[0]}; fixed when the FMU is made"
             yield replace(variable, causality="local", variability="constant", description=about)
         elif variable.name == "historyFile":

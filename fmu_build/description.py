@@ -59,13 +59,36 @@ class Facts:
 
     def unit_name(self, unit: str) -> str:
         """What the FMI calls a unit of the table (UDUNITS, SI) in the units of the scene."""
-        if self.units.name == SI.name:
-            return UNITS[unit].name
-        return unit_text(self.units.label(unit)).replace(" ", ".") or "1"
+        return unit_name(self.units, unit)
 
     def references(self) -> dict[str, int]:
         """Value reference by name."""
         return {variable.name: number for number, variable in enumerate(self.table)}
+
+
+def unit_name(units: UnitSystem, unit: str) -> str:
+    """What the FMI calls a unit of SI (UDUNITS) in a system of units."""
+    if units.name == SI.name:
+        return UNITS[unit].name
+    return unit_text(units.label(unit)).replace(" ", ".") or "1"
+
+
+def unit_definitions(units: UnitSystem, used: Iterable[str | None]) -> list[Element]:
+    """Definitions of units of SI (UDUNITS), of those of the table, in a system of units; each name once."""
+    wanted, defined = set(used), dict[str, Element]()
+    for key, unit in UNITS.items():
+        name = unit_name(units, key)
+        # of another system two units of the table may have one name
+        if key not in wanted or name in defined:
+            continue
+        defined[name] = Element("Unit", {"name": name})
+        if units.measurable:
+            base = {base: str(power) for base, power in unit.exponents.items()}
+            size = units.size(key)
+            SubElement(defined[name], "BaseUnit", base | ({} if size == 1.0 else {"factor": repr(size)}))
+            if key == ACCELERATION:
+                SubElement(defined[name], "DisplayUnit", {"name": "g", "factor": repr(size / GRAVITY)})
+    return [*defined.values()]
 
 
 def identifier_of(scene: Scene) -> str:
@@ -120,20 +143,7 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
     shared = {"needsExecutionTool": needs_tool, "canBeInstantiatedOnlyOncePerProcess": "false"}
     SubElement(root, kind, {"modelIdentifier": facts.identifier, **shared, **abilities})
     definitions = SubElement(root, "UnitDefinitions")
-    used = {*(variable.unit for variable in facts.table), *units}
-    defined: dict[str, Element] = {}
-    for key, unit in UNITS.items():
-        if key in used:
-            # of another system two units of the table may have one name
-            if (name := facts.unit_name(key)) in defined:
-                continue
-            defined[name] = SubElement(definitions, "Unit", {"name": name})
-            if facts.units.measurable:
-                base = {base: str(power) for base, power in unit.exponents.items()}
-                size = facts.units.size(key)
-                SubElement(defined[name], "BaseUnit", base | ({} if size == 1.0 else {"factor": repr(size)}))
-                if key == ACCELERATION:
-                    SubElement(defined[name], "DisplayUnit", {"name": "g", "factor": repr(size / GRAVITY)})
+    definitions.extend(unit_definitions(facts.units, (*(variable.unit for variable in facts.table), *units)))
     categories = SubElement(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         SubElement(categories, "Category", {"name": name, "description": meaning})

@@ -1,7 +1,8 @@
 """Reference of an FMU: inputs and outputs of its default experiment, as files of the layered standard FMI-LS-REF.
 
-FMI-LS-REF 1.0.0-alpha.1 (https://github.com/modelica/fmi-ls-ref) names the files in a manifest: NAME.exp, the
-experiment, NAME_in.csv, its inputs, and NAME_ref.csv, its outputs. The outputs are those of a session of the solver, no
+FMI-LS-REF 1.0.0-beta.1 (https://github.com/modelica/fmi-ls-ref) names the files in a manifest: NAME.exp, the
+experiment, NAME_in.csv, its inputs, NAME_ref.csv, its outputs, and NAME.ssv, a parameter set with the values of the
+scene. The outputs are those of a session of the solver, no
 FMI between: a host that runs the experiment compares the FMU with the solver.
 """
 
@@ -22,15 +23,18 @@ from latin_fmu.cosim.input_table import inputs_of
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.cosim.variable import input_variable
+from latin_fmu.cosim.variables import scalar_table
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.scene.laws import InputLaw, TableLaw, TimeLaw
 from latin_fmu.scene.schema import Scene
 
-from .description import identifier_of, suggested_step, xml_bytes
+from .compiled import CONSTANTS
+from .description import identifier_of, suggested_step, unit_definitions, unit_name, xml_bytes
+from .parameter_set import MIME, parameter_set
 
 NAME: Final = "org.fmi-standard.fmi-ls-ref"
-VERSION: Final = "1.0.0-alpha.1"
+VERSION: Final = "1.0.0-beta.1"
 FOLDER: Final = f"extra/{NAME}"
 NOTE: Final = "documentation/fmi-ls-ref.txt"
 LONGEST: Final = 10.0
@@ -39,6 +43,10 @@ same bytes."""
 MOST_NUMBERS: Final = 20_000
 """Outputs times communication points from which on rows are left out of NAME_ref.csv."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
+_LABELS: Final = {
+    "experiment": ("experiment:default", "Files of the default experiment"),
+    "parameter": ("variant:scene", "Values of the scene that the FMU was made from"),
+}
 _DESCRIPTION = "Layered Standard providing information on related files included in an FMU."
 _ROUND_OFF = ("solver.", "energy.balance")  # outputs that depend on round-off, or are nothing else
 
@@ -47,6 +55,7 @@ Reference run of this FMU, by the layered standard FMI-LS-REF {version}
 
 Files in {folder}:
 {stem}.exp      the experiment: start, stop, communication step, tolerance
+{stem}.ssv      a parameter set: the values of the scene
 {inputs}{stem}_ref.csv  outputs at {rows} of its {points} communication points
 
 {extent}
@@ -175,11 +184,13 @@ def _files(scene: Scene, run: _Run, n: int, every: int) -> ReferenceRun:
     )
     files = {f"{stem}_ref.csv": _table(["time", *run.names], rows)}
     related = [(f"{stem}_ref.csv", "text/csv", "result", "Outputs of the experiment")]
+    files[f"{stem}.ssv"] = scene_parameters(scene)
+    related.append((f"{stem}.ssv", MIME, "parameter", "Values of the scene"))
     if run.inputs:
         files[f"{stem}_in.csv"] = _table(["time", *run.inputs], zip(run.times, *run.inputs.values(), strict=True))
         related.append((f"{stem}_in.csv", "text/csv", "other", "Inputs of the experiment"))
     files[f"{stem}.exp"] = _experiments(scene, stop, step, bool(run.inputs))
-    about = "application/x-ma-ls-experiments", "experiment/smoke-test", "The default experiment, with its results"
+    about = "application/x-ma-hs-experiments", "experiment/smoke-test", "The default experiment, with its results"
     related.append((f"{stem}.exp", *about))
     files["fmi-ls-manifest.xml"] = _manifest(related)
     inside = {f"{FOLDER}/{name}": content for name, content in files.items()}
@@ -191,8 +202,20 @@ def _manifest(related: Iterable[tuple[str, str, str, str]]) -> bytes:
     facts = {"name": NAME, "version": VERSION, "description": _DESCRIPTION}
     root = Element("fmiReferences", {f"{{{_NAMESPACE}}}fmi-ls-{key}": value for key, value in facts.items()})
     for source, kind, role, text in related:
-        SubElement(root, "Related", {"type": kind, "source": source, "role": role, "description": text})
+        file = SubElement(root, "Related", {"type": kind, "source": source, "role": role, "description": text})
+        label, meaning = _LABELS.get(role, _LABELS["experiment"])
+        SubElement(file, "Label", {"name": label, "description": meaning})
     return xml_bytes(root)
+
+
+def scene_parameters(scene: Scene) -> bytes:
+    """Parameter set of the numbers that a host may set before initialization, with their values in a scene."""
+    kinds = {"real": "Real", "integer": "Integer"}
+    table = [v for v in scalar_table(scene) if v.causality == "parameter" and v.kind in kinds]
+    chosen = [v for v in table if v.name not in CONSTANTS]
+    units = scene.unit_system
+    rows = [(v.name, kinds[v.kind], v.start or 0, None if v.unit is None else unit_name(units, v.unit)) for v in chosen]
+    return parameter_set(identifier_of(scene), rows, unit_definitions(units, (v.unit for v in chosen)))
 
 
 def _experiments(scene: Scene, stop: float, step: float, inputs: bool) -> bytes:

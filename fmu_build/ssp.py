@@ -1,4 +1,4 @@
-"""System structure (.ssp, SSP 1.0): FMUs, their connections and their parameters in one file.
+"""System structure (.ssp): FMUs, their connections and their parameters in one file, valid in SSP 1.0 and in 2.0.
 
 The annotations of type ``org.openmodelica`` name the master of OMSimulator, which refuses a file without them: as an
 element for its version 2, as attributes for its version 3, which reads no FMI 3 with structural parameters (give it
@@ -8,7 +8,7 @@ FMI 2). Other tools pass them over.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, fromstring
 
@@ -16,15 +16,13 @@ from latin_fmu.errors import InputError, Problem
 
 from .build import write_archive
 from .description import xml_bytes
+from .parameter_set import NAMESPACES, Row, add_units, parameter_set
 
 Connection = tuple[str, str, str, str]
 """Component and variable it comes from, component and variable it goes to."""
 
-_SSP = "http://ssp-standard.org/SSP1"
 _NAMESPACES = {
-    "xmlns:ssd": f"{_SSP}/SystemStructureDescription",
-    "xmlns:ssc": f"{_SSP}/SystemStructureCommon",
-    "xmlns:ssv": f"{_SSP}/SystemStructureParameterValues",
+    **NAMESPACES,
     "xmlns:oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
 _MASTER, _TOLERANCE = "oms-ma", "0.0001"  # fixed steps
@@ -41,7 +39,7 @@ def write_ssp(
     parameters: Mapping[str, Mapping[str, float | int | str]] | None = None,
     step: float | None = None,
 ) -> Path:
-    """Write a system structure package; connected variables become connectors with units.
+    """Write a system structure package; scalar outputs and connected inputs become connectors with units.
 
     Parameters
     ----------
@@ -56,7 +54,7 @@ def write_ssp(
     """
     models = {component: _Component(component, Path(path)) for component, path in components.items()}
     _check(name, models, connections, parameters or {})
-    root = _root("ssd:SystemStructureDescription", name)
+    root = Element("ssd:SystemStructureDescription", {**_NAMESPACES, "version": "1.0", "name": name})
     system = SubElement(root, "ssd:System", {"name": name})
     elements = SubElement(system, "ssd:Elements")
     files: dict[str, bytes] = {}
@@ -65,19 +63,22 @@ def write_ssp(
         files[f"resources/{component}.fmu"] = Path(components[component]).read_bytes()
         about = {"name": component, "type": "application/x-fmu-sharedlibrary", "source": f"resources/{component}.fmu"}
         element = SubElement(elements, "ssd:Component", {**about, "implementation": "CoSimulation"})
-        connectors = SubElement(element, "ssd:Connectors")
-        for variable in _connected(component, connections):
-            # a connector has the causality of its variable
-            kind = {"name": variable, "kind": model.variables[variable].get("causality", "local")}
-            SubElement(SubElement(connectors, "ssd:Connector", kind), *model.type_of(variable, "ssc", used))
+        # an input without connection keeps its start value; as a connector FMPy would not read the system
+        taken = {end for _, _, second, end in connections if second == component}
+        connectors = {name: kind for name, kind in model.connectors.items() if kind == "output" or name in taken}
+        places = [SubElement(element, "ssd:Connectors")] if connectors else []
+        for variable, causality in connectors.items():
+            connector = SubElement(places[0], "ssd:Connector", {"name": variable, "kind": causality})
+            kind, unit = model.type_of(variable, used)
+            SubElement(connector, f"ssc:{kind}", unit)
         if values := (parameters or {}).get(component):
             source = f"resources/{component}.ssv"
             files[source] = _parameter_set(component, model, values)
             SubElement(SubElement(element, "ssd:ParameterBindings"), "ssd:ParameterBinding", {"source": source})
-    lines = SubElement(system, "ssd:Connections")
+    lines = [SubElement(system, "ssd:Connections")] if connections else []
     for first, output, second, target_input in connections:
         ends = {"startElement": first, "startConnector": output, "endElement": second, "endConnector": target_input}
-        SubElement(lines, "ssd:Connection", ends)
+        SubElement(lines[0], "ssd:Connection", ends)
     size = repr(stop / 50 if step is None else float(step))
     about = {"name": _DEFAULT_MASTER, "method": _MASTER.replace("-", "_"), "fixedStepSize": size}
     master = {
@@ -87,7 +88,7 @@ def write_ssp(
         "relativeTolerance": _TOLERANCE,
     }
     SubElement(_annotated(system, about), "oms:FixedStepMaster", master)
-    _add_units(root, "ssd:Units", used.values())
+    add_units(root, "ssd:Units", used.values())
     experiment = SubElement(root, "ssd:DefaultExperiment", {"startTime": "0.0", "stopTime": repr(stop)})
     recorded = {"resultFile": f"{name}_res.mat", "loggingInterval": "0.0", "bufferSize": "10", "signalFilter": ".*"}
     _annotated(experiment, recorded)
@@ -113,7 +114,7 @@ class _Component:
         self._units = {str(u.get("name")): u for u in description.iterfind("UnitDefinitions/Unit")}
 
     def kind_of(self, variable: str) -> str:
-        """Type of a variable in SSP 1.0: Real, Integer or String."""
+        """Type of a variable in SSP: Real, Integer or String, which both versions have."""
         # in FMI 2 the type is an element within the variable, in FMI 3 the variable itself
         element = self.variables[variable]
         if element.tag == "ScalarVariable":
@@ -126,18 +127,21 @@ class _Component:
             return "String"
         return "Real"
 
-    def type_of(self, variable: str, prefix: str, used: dict[str, Element]) -> tuple[str, dict[str, str]]:
-        """Tag of the type of a variable, and its unit, which is added to those used."""
+    def type_of(self, variable: str, used: dict[str, Element]) -> tuple[str, dict[str, str]]:
+        """Type of a variable, and its unit, which is added to those used."""
         element, kind = self.variables[variable], self.kind_of(variable)
         unit = (element[0] if element.tag == "ScalarVariable" else element).get("unit")
         if kind != "Real" or unit is None:
-            return f"{prefix}:{kind}", {}
+            return kind, {}
         used[unit] = self._units[unit]
-        return f"{prefix}:{kind}", {"unit": unit}
+        return kind, {"unit": unit}
 
-
-def _root(tag: str, name: str) -> Element:
-    return Element(tag, {**_NAMESPACES, "version": "1.0", "name": name})
+    @property
+    def connectors(self) -> dict[str, str]:
+        """Causality of the scalar inputs and outputs, by name."""
+        causality = {name: str(v.get("causality", "local")) for name, v in self.variables.items()}
+        scalar = {name for name, v in self.variables.items() if v.find("Dimension") is None}
+        return {name: kind for name, kind in causality.items() if kind in ("input", "output") and name in scalar}
 
 
 def _annotated(parent: Element, about: Mapping[str, str]) -> Element:
@@ -146,30 +150,13 @@ def _annotated(parent: Element, about: Mapping[str, str]) -> Element:
     return SubElement(SubElement(annotation, "oms:Annotations"), "oms:SimulationInformation", dict(about))
 
 
-def _add_units(parent: Element, tag: str, units: Iterable[Element]) -> None:
-    found = list(units)
-    if not found:
-        return
-    place = SubElement(parent, tag)
-    for unit in found:
-        element = SubElement(place, "ssc:Unit", {"name": str(unit.get("name"))})
-        SubElement(element, "ssc:BaseUnit", dict(unit[0].attrib) if len(unit) else {})
-
-
 def _parameter_set(name: str, model: _Component, values: Mapping[str, float | int | str]) -> bytes:
     """The parameter set of a component as .ssv."""
-    root, used = _root("ssv:ParameterSet", name), dict[str, Element]()
-    place = SubElement(root, "ssv:Parameters")
+    rows, used = list[Row](), dict[str, Element]()
     for variable, value in values.items():
-        parameter = SubElement(place, "ssv:Parameter", {"name": variable})
-        tag, about = model.type_of(variable, "ssv", used)
-        if tag == "ssv:Real":
-            text = repr(float(value))
-        else:
-            text = str(value)
-        SubElement(parameter, tag, {"value": text, **about})
-    _add_units(root, "ssv:Units", used.values())
-    return xml_bytes(root)
+        kind, about = model.type_of(variable, used)
+        rows.append((variable, kind, value, about.get("unit")))
+    return parameter_set(name, rows, used.values())
 
 
 _HEADING = "the system structure cannot be written"
@@ -194,6 +181,10 @@ def _check(
             problems.append(Problem(f"{component}.{variable}", "no such component", None, ", ".join(models) or "none"))
         elif variable not in models[component].variables:
             problems.append(Problem(f"{component}.{variable}", "the FMU has no variable of this name"))
+    for first, start, second, end in connections:
+        for component, variable, kind in ((first, start, "output"), (second, end, "input")):
+            if component in models and models[component].connectors.get(variable, kind) != kind:
+                problems.append(Problem(f"{component}.{variable}", f"is no {kind}, where a connection has one"))
     for component, values in parameters.items():
         for variable, value in values.items():
             if component in models and variable in models[component].variables:
@@ -204,7 +195,3 @@ def _check(
                     problems.append(Problem(f"{component}.{variable}", "is of another kind", repr(value), kind))
     if problems:
         raise InputError(problems, _HEADING)
-
-
-def _connected(component: str, connections: Sequence[Connection]) -> list[str]:
-    return list(dict.fromkeys(v for c in connections for n, v in ((c[0], c[1]), (c[2], c[3])) if n == component))

@@ -46,7 +46,7 @@ NAMES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "attempts": ("StandingRun", "standing_again"),
         "building": ("discretise",),
         "checks.mesh_checks": ("check_faces",),
-        "compiled": ("PLAIN", "compiled_run", "hosted_run", "libraries", "library"),
+        "compiled": ("CONSTANTS", "PLAIN", "compiled_run", "hosted_run", "libraries", "library"),
         "compiled.library": ("suffix", "target"),
         "effects.cost": ("Prediction", "amount", "memory_need"),
         "effects.explanation": ("WORTH", "Explanation", "explain"),

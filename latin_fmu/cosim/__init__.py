@@ -3,6 +3,7 @@
 ======================================  ===============================================================================
 variables, input_table, output_table    all variables of a scene; a row for each kind of input, for each output
 variable, signals                       a variable, its unit, JSON; how outputs follow from the fields of an instant
+following_outputs                       outputs that follow from others: rates, filters, largest so far
 reduced_signals, load_strains           the same of an assembly marched by its modes; what its loads strain
 runtime                                 in C: functions of the FMI (fmi2.c, fmi3.c), when they may be called (calls.c),
                                         steps and why they are refused (run.c), variables (variables.c), saved states

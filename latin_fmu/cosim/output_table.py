@@ -503,7 +503,7 @@ class Placed(NamedTuple):
 
     @property
     def about(self) -> str:
-        """Its meaning."""
+        """What it means, with the words of its owner."""
         return self.row.meaning.format(**self.family.words(self.name, self.owner))
 
     @property

@@ -20,21 +20,11 @@ from ..latin.outcome import Array, PointFields
 from ..latin.probes import ProbePlace, Probes
 from ..latin.recorder import Recorder
 from ..propagator.forcing import STRAIN
-from ..results.filters import causal_sections
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
-from .output_table import (
-    ACCELERATED,
-    INTERFACE,
-    SENSOR,
-    FacePoints,
-    first_of_events,
-    follows_energies,
-    outputs_of,
-    places_from,
-    places_of,
-)
+from .following_outputs import following_fields
+from .output_table import INTERFACE, FacePoints, first_of_events, follows_energies, outputs_of, places_of
 
 _POINTS = 32  # points whose unit fields are read at a time
 
@@ -398,30 +388,6 @@ class Signals(SignalPlaces):
         """Whether the acceleration of a sensor is the rate of its velocity over the last time step."""
         return name in self.probes.massless
 
-    def _followers(self, places: Mapping[str, int]) -> dict[str, Any]:
-        """Outputs that follow from others (``kernels.outputs.follow``)."""
-        rates, sections = list[tuple[int, int]](), [np.zeros((0, 5))]
-        passing, largest = list[tuple[int, int, int]](), list[tuple[int, int, int]]()
-        for placed in outputs_of(self._scene):
-            to = [places[name] for name in placed.names]
-            if placed.family is ACCELERATED and placed.row.name == "acceleration" and self.differenced(placed.name):
-                rates += zip(places_from(SENSOR, placed, "velocity", places), to, strict=True)
-            if placed.row.filtered:
-                chosen = causal_sections(placed.owner.filter, self._drives.dt)
-                first = sum(map(len, sections))
-                for of, end in zip(places_from(ACCELERATED, placed, "acceleration", places), to, strict=True):
-                    entered = [of, *[end] * (len(chosen) - 1)]
-                    passing += [(entry, end, first + k) for k, entry in enumerate(entered)]
-                sections.append(chosen[:, [0, 1, 2, 4, 5]])
-            if placed.row.largest:
-                of_vector = places_from(placed.family, placed, placed.row.largest, places)
-                largest.append((of_vector[0], len(of_vector), to[0]))
-        tables = {"rates": (rates, 2), "filtered": (passing, 3), "largest": (largest, 3)}
-        numbers = {name: np.array(rows, dtype=np.int64).reshape(-1, n) for name, (rows, n) in tables.items()}
-        counts = {"n_rate": len(rates), "n_filtered": len(passing), "n_largest": len(largest)}
-        whole = np.concatenate(sections)
-        return {**numbers, **counts, "sections": whole, "n_section": len(whole)}
-
     def fields(self) -> dict[str, Any]:
         """Fields of the record of the run: outputs from the signals, and what is read point by point."""
         assembly, places = self._assembly, places_of(self._scene)
@@ -454,7 +420,7 @@ class Signals(SignalPlaces):
             "area_share": share,
             "shear": sp.csr_array(sp.vstack(shear)),
             **self._lags(places),
-            **self._followers(places),
+            **following_fields(self._scene, places, self._drives.dt, self.differenced),
             "no_contact": NO_CONTACT * assembly.characteristic_traction,
             **self._point_fields(row_matrix),
         }

@@ -9,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import fmpy
+import fmpy.ssp
 import numpy as np
 import pytest
 from lxml import etree
@@ -69,33 +70,56 @@ def test_the_manifest_follows_the_layered_standard(tmp_path):
     assert manifest.tag == "fmiReferences"
     assert dict(manifest.attrib) == {
         f"{LS}name": "org.fmi-standard.fmi-ls-ref",
-        f"{LS}version": "1.0.0-alpha.1",
+        f"{LS}version": "1.0.0-beta.1",
         f"{LS}description": "Layered Standard providing information on related files included in an FMU.",
     }
     assert {(r.get("source"), r.get("type"), r.get("role")) for r in manifest.iterfind("Related")} == {
-        ("blocks.exp", "application/x-ma-ls-experiments", "experiment/smoke-test"),
+        ("blocks.exp", "application/x-ma-hs-experiments", "experiment/smoke-test"),
+        ("blocks.ssv", "application/x-ssp-parameter-set", "parameter"),
         ("blocks_in.csv", "text/csv", "other"),
         ("blocks_ref.csv", "text/csv", "result"),
     }
+    assert {label.get("name") for label in manifest.iter("Label")} == {"experiment:default", "variant:scene"}
+    assert all(len(related.findall("Label")) == 1 for related in manifest)
     sources = {f"{FOLDER}/{r.get('source')}" for r in manifest}
     assert sources | {f"{FOLDER}/fmi-ls-manifest.xml", NOTE} == set(files)
 
 
 SCHEMAS = os.environ.get("FMI_LS_REF_SCHEMAS", "")
-"""Folder ``schema`` of the repository modelica/fmi-ls-ref at v1.0.0-alpha.1."""
+"""Folder ``schema`` of the repository modelica/fmi-ls-ref at 596a89d, with those of modelica/fmi-standard that it
+imports; at v1.0.0-beta.1 it is the same but for an import that makes it no valid schema."""
 
 
 @COMPILED
 @pytest.mark.skipif(not SCHEMAS, reason="FMI_LS_REF_SCHEMAS names no folder with the schemas of FMI-LS-REF")
 def test_the_schemas_of_the_layered_standard_find_nothing(tmp_path):
     files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
-    common = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3LayeredStandardManifest.xsd"
-    for part, name in (("Manifest", "fmi-ls-manifest.xml"), ("Experiments", "blocks.exp")):
-        path = Path(SCHEMAS, f"fmi3LayeredStandardReference{part}.xsd")
-        text = re.sub(r'schemaLocation="http[^"]*/', f'schemaLocation="{common.parent.as_uri()}/', path.read_text())
-        schema = etree.XMLSchema(etree.fromstring(text.encode()))
-        schema.validate(etree.fromstring(files[f"{FOLDER}/{name}"]))
-        assert list(schema.error_log) == []
+    path = Path(SCHEMAS, "fmi3LayeredStandardReferenceManifest.xsd")
+    text = re.sub(r'schemaLocation="http[^"]*/', f'schemaLocation="{Path(SCHEMAS).as_uri()}/', path.read_text())
+    schema = etree.XMLSchema(etree.fromstring(text.encode()))
+    schema.validate(etree.fromstring(files[f"{FOLDER}/fmi-ls-manifest.xml"]))
+    assert list(schema.error_log) == []
+
+
+@COMPILED
+def test_the_parameter_set_has_the_values_of_the_scene(tmp_path):
+    """Valid by the schema of SSP; applied as it is, as the standard says, it changes nothing."""
+    names = ("interface.crush.friction_coefficient", "material.steel.young_modulus", "material.steel.density")
+    for scene in (blocks(), blocks(fmu={"parameters": names})):
+        fmu = build_fmu(scene, tmp_path / "blocks.fmu", "3", python=bool(scene.fmu.parameters))
+        content = contents(fmu)[f"{FOLDER}/blocks.ssv"]
+        tree = etree.fromstring(content)
+        schema = Path(fmpy.ssp.__file__).parent / "schema" / "SystemStructureParameterValues.xsd"
+        etree.XMLSchema(etree.parse(str(schema))).assertValid(tree)
+        values = {e.get("name"): (e[0].get("value"), e[0].get("unit")) for e in tree[0]}
+        wanted = {"mode": ("0", None), "inputInterpolation": ("3", None), "endTime": ("6e-06", "s")}
+        if scene.fmu.parameters:
+            wanted |= dict(zip(names, [("0.2", "1"), ("210000000000.0", "Pa"), ("7800.0", None)], strict=True))
+        assert values == wanted
+        assert {unit.get("name") for unit in tree.iter("{*}Unit")} == {u for _, u in values.values() if u}
+        starts = {name: float(value) for name, (value, _) in values.items()}
+        ends = [fmpy.simulate_fmu(str(fmu), stop_time=1e-6, start_values=s)[-1] for s in ({}, starts)]
+        assert ends[0].tobytes() == ends[1].tobytes()
 
 
 @COMPILED

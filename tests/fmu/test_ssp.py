@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +20,8 @@ from latin_fmu.errors import InputError
 from tests.cosim.scenes import blocks
 
 SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"
+SCHEMAS_2 = [Path(folder) for folder in [os.environ.get("SSP2_SCHEMAS")] if folder]
+"""Folder ``schema`` of the repository modelica/ssp-standard at v2.0."""
 LINE = ("first", "interface.crush.slipping", "second", "load.press.value")
 PARAMETERS = {
     "first": {"load.press.value": 0.5, "tolerance": 1e-5, "maxIterations": 80},
@@ -39,19 +42,23 @@ def package(fmus, fmi, tmp_path) -> Callable[..., Path]:
 
 
 def tree_of(package: Path, member: str) -> Any:
-    """A member, valid by the schema of its kind."""
+    """A member, valid by the schemas of its kind: of SSP 1.0, and of 2.0 where they are at hand."""
     kind = {"ssd": "Description", "ssv": "ParameterValues"}[member[-3:]]
     with zipfile.ZipFile(package) as archive:
         tree = etree.fromstring(archive.read(member))
-    etree.XMLSchema(etree.parse(str(SCHEMAS / f"SystemStructure{kind}.xsd"))).assertValid(tree)
+    for schemas in (SCHEMAS, *SCHEMAS_2):
+        etree.XMLSchema(etree.parse(str(schemas / f"SystemStructure{kind}.xsd"))).assertValid(tree)
     return tree
 
 
 def test_the_parts_are_valid_and_hold_what_was_given(package):
     path = package()
     system = tree_of(path, "SystemStructure.ssd")
-    units = {e.get("name"): e.find("{*}Real").get("unit") for e in system.iter("{*}Connector")}
-    assert units == {LINE[1]: "1", LINE[3]: "1"}
+    connectors = {(e.getparent().getparent().get("name"), e.get("name")): e for e in system.iter("{*}Connector")}
+    assert {LINE[:2], LINE[2:], ("first", "interface.crush.force[3]")} <= set(connectors)
+    assert {e.get("kind") for e in connectors.values()} == {"input", "output"}
+    assert connectors["first", "interface.crush.force[3]"].find("{*}Real").get("unit") == "N"
+    assert not [name for _, name in connectors if ".vector." in name or ".points." in name]  # arrays
     assert [e.get("source") for e in system.iter("{*}ParameterBinding")] == [
         "resources/first.ssv",
         "resources/second.ssv",
@@ -71,7 +78,16 @@ def test_units_have_their_exponents(package):
     line = ("first", "interface.crush.force[3]", "second", "load.press.value")
     system = tree_of(package(connections=[line], parameters={"first": {"timeStep": 1e-7}}), "SystemStructure.ssd")
     bases = {e.get("name"): dict(e[0].attrib) for e in system.iter("{*}Unit")}
-    assert bases == {"N": {"kg": "1", "m": "1", "s": "-2"}, "1": {}}
+    assert bases["N"] == {"kg": "1", "m": "1", "s": "-2"}
+    assert bases["1"] == {}
+
+
+def test_what_is_empty_is_left_out(package):
+    """No connections, no parameters: elements without children are not valid in a system."""
+    system = tree_of(package(connections=[], parameters={}), "SystemStructure.ssd")
+    assert system.find("{*}System/{*}Connections") is None
+    assert len(list(system.iter("{*}Connector"))) > 50
+    assert system.find("{*}DefaultExperiment").get("stopTime") == "6e-06"
 
 
 def test_omsimulator_finds_its_master(package):
@@ -117,6 +133,14 @@ def test_another_tool_runs_it(fmus, tmp_path):
         (
             {"connections": [("first", "x", "second", "load.press.value")]},
             "first.x: the FMU has no variable of this name",
+        ),
+        (
+            {"connections": [("first", "load.press.value", "second", "load.press.value")]},
+            "first.load.press.value: is no output, where a connection has one",
+        ),
+        (
+            {"connections": [(*LINE[:2], "second", "interface.crush.slipping")]},
+            "second.interface.crush.slipping: is no input, where a connection has one",
         ),
         ({"parameters": {"first": {"tolerence": 1.0}}}, "first.tolerence: the FMU has no variable of this name"),
         (
