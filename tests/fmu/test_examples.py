@@ -9,6 +9,11 @@ from types import ModuleType
 
 import pytest
 
+import latin_fmu
+from latin_fmu.cosim import Session
+
+from .host import Host
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -22,7 +27,8 @@ def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_every_example_is_tested_here():
     names = {path.stem for path in EXAMPLES.glob("fmu_*.py")}
-    assert names == {"fmu_first", "fmu_sweep", "fmu_cut_bar", "fmu_package", "fmu_model_exchange", "fmu_stop"}
+    others = {"fmu_first", "fmu_sweep", "fmu_cut_bar", "fmu_package", "fmu_model_exchange", "fmu_stop"}
+    assert names == {*others, "fmu_pythonfmu"}
 
 
 @pytest.mark.parametrize("example", ["fmu_first"], indirect=True)
@@ -30,6 +36,32 @@ def test_first(example):
     numbers = example.main()
     assert numbers["force"] == pytest.approx(23.7e3, rel=0.02)
     assert 0.0 < numbers["slipping"] <= 1.0
+
+
+@pytest.mark.parametrize("example", ["fmu_pythonfmu"], indirect=True)
+def test_a_slave_of_pythonfmu_around_a_session(example, tmp_path):
+    """The numbers of a session, to the bit after steps that are taken back."""
+    host = Host(example.build(tmp_path), tmp_path / "slave")
+    session = Session(latin_fmu.load_scene(example.MODEL, ["load.press.law=input"]))
+    host.set(press=1.0)
+    session.set_load("press", 1.0)
+    host.start()
+    session.initialize()
+    forces = []
+    for i in range(10):
+        before = host.from_bytes(host.to_bytes(host.save()))
+        host.set(press=0.2)
+        assert host.step(i * 3e-7, 3e-7)
+        host.restore(before)
+        host.set(press=1.0 - 0.1 * i)
+        session.set_load("press", 1.0 - 0.1 * i)
+        assert host.step(i * 3e-7, 3e-7)
+        assert session.step(i * 3e-7, 3e-7)
+        forces.append(session.value("interface.crush.normalForce"))
+        assert host.read(["force", "largest"]).tolist() == [forces[-1], max(0.0, *forces)]
+    host.close()
+    assert max(forces) > 8e3
+    assert example.main()["largest"] == pytest.approx(9.89e3, rel=1e-3)
 
 
 @pytest.mark.parametrize("example", ["fmu_sweep"], indirect=True)
