@@ -27,6 +27,8 @@ HEAD: Final = (
 """Words of a product: places of the first numbers in the fixed block, what is between rows and between columns, and
 the numbers of rows, columns and factors of a row."""
 _ROUND_OFF: Final = 1e-14  # of the largest number of a row
+_SHOWN: Final = 2.0**-26
+"""Relative step of numbers of the matrix of outputs."""
 _WORTH: Final = 3  # times as many numbers as factors that a table has at least
 
 
@@ -77,6 +79,15 @@ def settled(classes: Any, fixed: Array) -> list[Product]:
     for product in found:
         _fill(product, fixed)
     return found
+
+
+def shorten_outputs(run: Any, fixed: Array) -> None:
+    """Leave out digits of the matrix of the outputs of a run (``_SHOWN``): those of its motions, which it multiplies,
+    are of single precision."""
+    end = fixed.view(np.int64)[int(run["output_starts"] + run["output_rows"])]
+    values = fixed[int(run["output_values"]) :][:end]
+    digits, powers = np.frexp(values)
+    values[:] = np.ldexp(np.rint(digits / _SHOWN) * _SHOWN, powers)
 
 
 def _fill(product: Product, fixed: Array) -> None:

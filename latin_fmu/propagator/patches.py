@@ -26,6 +26,10 @@ OF_RESPONSE: Final = 1e-5
 """Tolerance of the response Y to changes of the tractions within an instant; the iteration takes away what it lacks."""
 OF_INVERSE: Final = 1e-7
 """Tolerance of S^-1, which acts on changes from instant to instant; the next instant takes what it lacks as a load."""
+ROUNDED_RESPONSE: Final = 8e-5
+ROUNDED_INVERSE: Final = 2e-7
+"""Rounding of both in float32, so that files have few digits of them: outputs change by less than a tenth of what the
+tolerance of a scene leaves open (``tests/propagator/test_patches.py``)."""
 EXACT: Final = 1e-13
 """Tolerance of what acts on whole displacements, and of Y for tolerances of the iteration beyond single precision."""
 MOST_PATCHES: Final = 32
@@ -86,11 +90,14 @@ def partition(places: Array, matrix: Array, tolerance: float) -> list[Index]:
     return best
 
 
-def in_patches(matrix: Array, patches: Sequence[Index], tolerance: float, kind: type[np.floating[Any]]) -> Patches:
+def in_patches(
+    matrix: Array, patches: Sequence[Index], tolerance: float, kind: type[np.floating[Any]], rounding: float = 0.0
+) -> Patches:
     """A symmetric matrix (n, n) with a positive diagonal in ``patches``.
 
     tolerance : singular values that are left out, over the largest eigenvalue of the matrix scaled to a diagonal of
-    ones. kind : of the numbers, float64 or float32.
+    ones. kind : of the numbers, float64 or float32. rounding : of the numbers, a change of that matrix over its largest
+    eigenvalue; none where 0.
     """
     scale = np.sqrt(matrix.diagonal())
     order, sizes = np.concatenate(patches), [len(p) for p in patches]
@@ -98,19 +105,38 @@ def in_patches(matrix: Array, patches: Sequence[Index], tolerance: float, kind: 
     first = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes)])
     bases = _bases(scaled, first, tolerance)
     ranks = np.array([basis.shape[1] for basis in bases], dtype=np.int64)
-    parts = []
-    for p, basis in enumerate(bases):
-        place = slice(first[p], first[p + 1])
-        weights = scale[order[place]]
-        block = scaled[place, place] * (weights[:, None] * weights)
-        parts += [block[np.tril_indices(len(weights))], (basis * weights[:, None]).T.ravel()]
     core, at = np.zeros((ranks.sum(), ranks.sum())), np.concatenate([[0], np.cumsum(ranks)])
     for p in range(len(bases)):
         for q in range(p):
             between = scaled[first[p] : first[p + 1], first[q] : first[q + 1]]
             core[at[p] : at[p + 1], at[q] : at[q + 1]] = bases[p].T @ between @ bases[q]
-    parts.append(core[np.tril_indices(len(core))])
+    step = _step(scaled, rounding)
+    of_basis = step / max(1.0, np.linalg.norm(core, 2) if core.size else 0.0)
+    parts = []
+    for p, basis in enumerate(bases):
+        place = slice(first[p], first[p + 1])
+        weights = scale[order[place]]
+        scales = weights[:, None] * weights
+        block = _rounded(scaled[place, place] * scales, step * scales)
+        both = _rounded(basis * weights[:, None], of_basis * weights[:, None])
+        parts += [block[np.tril_indices(len(weights))], both.T.ravel()]
+    parts.append(_rounded(core, step)[np.tril_indices(len(core))])
     return Patches(order, first, ranks, np.concatenate(parts).astype(kind))
+
+
+def _step(scaled: Array, rounding: float) -> float:
+    """Step to which numbers of the scaled matrix are rounded. With n rows and independent errors in +-step/2 the change
+    has a norm of about step sqrt(n / 3)."""
+    return rounding * _norm(scaled) * float(np.sqrt(3.0 / max(len(scaled), 1)))
+
+
+def _rounded(values: Array, step: Array | float) -> Array:
+    """Values as multiples of the power of two at or below a step, so that files of them have few digits; as they are
+    where it is 0."""
+    if not np.any(step):
+        return values
+    unit = np.exp2(np.floor(np.log2(step)))
+    return np.asarray(np.rint(values / unit) * unit)
 
 
 def _bases(scaled: Array, first: Index, tolerance: float) -> list[Array]:

@@ -480,7 +480,7 @@ def test_the_results_are_those_of_the_run(fmi, tmp_path):
                 assert host.step(t, h), host.messages
                 t += h
             host.fmu.terminate()
-            assert same_results(target, run) == 20
+            assert same_results(target, run) == 21
             assert len(open_results(target)["energy/time"]) == n + 1
             assert not list(tmp_path.glob("*.part"))
 

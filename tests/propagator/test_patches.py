@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from zlib import compress
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,22 @@ def test_products_are_those_of_the_matrix_within_the_tolerance(kind: type, toler
         off = (product(patches, x) - matrix @ x) / scale
         # two bases for each block, and the rounding of what is kept
         assert np.linalg.norm(off) <= 4.0 * tolerance * largest * np.linalg.norm(scale * x)
+
+
+@pytest.mark.parametrize("rounding", [1e-3, 1e-5])
+def test_rounding_changes_the_product_by_what_is_allowed_and_leaves_few_digits(rounding: float) -> None:
+    """By the norm of the scaled matrix; what is kept takes a part of the bytes when deflated."""
+    places = faces(4, 3.0, 12)
+    matrix = compliance(places)
+    whole, short = (in_patches(matrix, by_face(4), 1e-7, np.float32, r) for r in (0.0, rounding))
+    scale = np.sqrt(matrix.diagonal())
+    largest = np.linalg.eigvalsh(matrix / (scale[:, None] * scale)).max()
+    for x in np.random.default_rng(13).normal(size=(3, len(places))):
+        change = np.linalg.norm((product(short, x / scale) - product(whole, x / scale)) / scale)
+        assert 0.05 * rounding * largest <= change / np.linalg.norm(x) <= rounding * largest
+    sizes = [len(compress(patches.numbers.tobytes(), 9)) for patches in (short, whole)]
+    assert sizes[0] < (0.6 if rounding > 1e-4 else 0.85) * sizes[1]
+    assert whole.numbers.dtype == short.numbers.dtype == np.float32
 
 
 def test_the_matrix_in_patches_is_symmetric() -> None:
