@@ -444,7 +444,8 @@ if the step had been made, the next step is an <b>error</b>; if it ends the simu
 <li>A failure during initialization (a parameter out of range, no convergence in prescribed mode) is an error of the
 function that ends the initialization.</li>
 <li><b>Directional derivatives</b> are those of outputs at the end of the last step by value and rate of inputs over it,
-for the contact states that it has; those of shares, counters and the course of the solver are 0.</li>
+for the contact states that it has; those of shares, counters, largest values and the
+course of the solver are 0.</li>
 <li>Saved states carry a digest of the FMU and a checksum. A state that is damaged, of another FMU, or was freed is an
 error; the instance goes on from where it was.</li>
 <li>Instances of one process share the factors; each has a state of its own. Instances may run in threads of their
