@@ -64,7 +64,7 @@ from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
 from .output_table import measured
-from .product_tables import multiply, settled, shorten_outputs, without
+from .product_tables import multiply, settled, shorten, without
 from .segments import SegmentedRun
 from .signals import Signals
 
@@ -182,7 +182,7 @@ class CommunicationRun:
         self.image.write()
         self.products = settled(self.image.classes, _fixed(self.image))
         if problem.reduced is not None:
-            shorten_outputs(self.image.run[0], self.image.fixed)
+            shorten(self.image.run[0], self.image.classes, self.image.fixed)
         self.image.call(entries.PRESENT)
 
     def set(self, name: str, value: float, rate: float) -> None:

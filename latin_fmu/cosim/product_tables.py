@@ -19,6 +19,7 @@ import numpy as np
 import scipy.linalg as la
 
 from ..latin.outcome import Array
+from ..propagator.patches import leave_out_digits
 
 HEAD: Final = (
     *("target", "target_row", "target_column", "rows", "columns"),
@@ -27,6 +28,9 @@ HEAD: Final = (
 """Words of a product: places of the first numbers in the fixed block, what is between rows and between columns, and
 the numbers of rows, columns and factors of a row."""
 _ROUND_OFF: Final = 1e-14  # of the largest number of a row
+OF_RESPONSE: Final = 8e-5
+OF_INVERSE: Final = 2e-7
+"""Rounding of Y and S^-1: outputs change by less than a tenth of what the tolerance of a scene leaves open."""
 _SHOWN: Final = 2.0**-26
 """Relative step of numbers of the matrix of outputs."""
 _WORTH: Final = 3  # times as many numbers as factors that a table has at least
@@ -81,9 +85,17 @@ def settled(classes: Any, fixed: Array) -> list[Product]:
     return found
 
 
-def shorten_outputs(run: Any, fixed: Array) -> None:
-    """Leave out digits of the matrix of the outputs of a run (``_SHOWN``): those of its motions, which it multiplies,
-    are of single precision."""
+def shorten(run: Any, classes: Any, fixed: Array) -> None:
+    """Leave out digits that neither the iteration nor an output of a run by modes shows: of Y and S^-1 in patches, and
+    of the matrix of the outputs, which multiplies motions of single precision. A file could not compress them."""
+    whole, single = fixed.view(np.int64), fixed.view(np.float32)
+    for row in classes:
+        for header, numbers, there, rounding in (
+            ("inverse_header", "schur_inverse", row["patched"], OF_INVERSE),
+            ("response_header", "response", row["patched"] and row["halved"], OF_RESPONSE),
+        ):
+            if there:
+                leave_out_digits(whole[int(row[header]) :], single[int(row[numbers]) :], rounding)
     end = fixed.view(np.int64)[int(run["output_starts"] + run["output_rows"])]
     values = fixed[int(run["output_values"]) :][:end]
     digits, powers = np.frexp(values)

@@ -20,7 +20,7 @@ from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
 from .model import Array, Index, unrelaxed_part
-from .patches import EXACT, OF_INVERSE, OF_RESPONSE, ROUNDED_INVERSE, ROUNDED_RESPONSE, Patches, in_patches
+from .patches import EXACT, OF_INVERSE, OF_RESPONSE, Patches, in_patches
 
 Row = dict[str, int]
 Halves = dict[int, tuple[int, int, int, int]]
@@ -334,7 +334,7 @@ def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index,
 
 def _patched_interface(block: BlockLayout, row: Row, ops: Any, live: Index, is_normal: NDArray[np.bool_]) -> None:
     """S^-1, of which C is a multiple, in patches, and traces."""
-    patches = in_patches(ops.factor.schur_inverse, ops.face.patches, OF_INVERSE, np.float32, ROUNDED_INVERSE)
+    patches = in_patches(ops.factor.schur_inverse, ops.face.patches, OF_INVERSE, np.float32)
     row |= {"patched": 1, "halved_norms": 1}
     row["inverse_header"] = block.put(patches.header, np.int64)
     row["schur_inverse"] = block.put(patches.numbers, np.float32)
@@ -480,7 +480,7 @@ def in_response_patches(propagator: Any, live: Index) -> Patches:
     """Y of a class in patches."""
     response, patches = propagator.condensed[np.ix_(live, live)], propagator.operators.face.patches
     if propagator.single:
-        return in_patches(response, patches, OF_RESPONSE, np.float32, ROUNDED_RESPONSE)
+        return in_patches(response, patches, OF_RESPONSE, np.float32)
     return in_patches(response, patches, EXACT, np.float64)
 
 

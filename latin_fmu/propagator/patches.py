@@ -11,10 +11,10 @@ are read once or twice per product: where the patches are far apart, a fraction 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,6 @@ OF_RESPONSE: Final = 1e-5
 """Tolerance of the response Y to changes of the tractions within an instant; the iteration takes away what it lacks."""
 OF_INVERSE: Final = 1e-7
 """Tolerance of S^-1, which acts on changes from instant to instant; the next instant takes what it lacks as a load."""
-ROUNDED_RESPONSE: Final = 8e-5
-ROUNDED_INVERSE: Final = 2e-7
-"""Rounding of both in float32, so that files have few digits of them: outputs change by less than a tenth of what the
-tolerance of a scene leaves open (``tests/propagator/test_patches.py``)."""
 EXACT: Final = 1e-13
 """Tolerance of what acts on whole displacements, and of Y for tolerances of the iteration beyond single precision."""
 MOST_PATCHES: Final = 32
@@ -90,14 +86,11 @@ def partition(places: Array, matrix: Array, tolerance: float) -> list[Index]:
     return best
 
 
-def in_patches(
-    matrix: Array, patches: Sequence[Index], tolerance: float, kind: type[np.floating[Any]], rounding: float = 0.0
-) -> Patches:
+def in_patches(matrix: Array, patches: Sequence[Index], tolerance: float, kind: type[np.floating[Any]]) -> Patches:
     """A symmetric matrix (n, n) with a positive diagonal in ``patches``.
 
     tolerance : singular values that are left out, over the largest eigenvalue of the matrix scaled to a diagonal of
-    ones. kind : of the numbers, float64 or float32. rounding : of the numbers, a change of that matrix over its largest
-    eigenvalue; none where 0.
+    ones. kind : of the numbers, float64 or float32.
     """
     scale = np.sqrt(matrix.diagonal())
     order, sizes = np.concatenate(patches), [len(p) for p in patches]
@@ -105,36 +98,84 @@ def in_patches(
     first = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes)])
     bases = _bases(scaled, first, tolerance)
     ranks = np.array([basis.shape[1] for basis in bases], dtype=np.int64)
+    parts = []
+    for p, basis in enumerate(bases):
+        place = slice(first[p], first[p + 1])
+        weights = scale[order[place]]
+        block = scaled[place, place] * (weights[:, None] * weights)
+        parts += [block[np.tril_indices(len(weights))], (basis * weights[:, None]).T.ravel()]
     core, at = np.zeros((ranks.sum(), ranks.sum())), np.concatenate([[0], np.cumsum(ranks)])
     for p in range(len(bases)):
         for q in range(p):
             between = scaled[first[p] : first[p + 1], first[q] : first[q + 1]]
             core[at[p] : at[p + 1], at[q] : at[q + 1]] = bases[p].T @ between @ bases[q]
-    step = _step(scaled, rounding)
-    of_basis = step / max(1.0, np.linalg.norm(core, 2) if core.size else 0.0)
-    parts = []
-    for p, basis in enumerate(bases):
-        place = slice(first[p], first[p + 1])
-        weights = scale[order[place]]
-        scales = weights[:, None] * weights
-        block = _rounded(scaled[place, place] * scales, step * scales)
-        both = _rounded(basis * weights[:, None], of_basis * weights[:, None])
-        parts += [block[np.tril_indices(len(weights))], both.T.ravel()]
-    parts.append(_rounded(core, step)[np.tril_indices(len(core))])
+    parts.append(core[np.tril_indices(len(core))])
     return Patches(order, first, ranks, np.concatenate(parts).astype(kind))
 
 
-def _step(scaled: Array, rounding: float) -> float:
-    """Step to which numbers of the scaled matrix are rounded. With n rows and independent errors in +-step/2 the change
-    has a norm of about step sqrt(n / 3)."""
-    return rounding * _norm(scaled) * float(np.sqrt(3.0 / max(len(scaled), 1)))
+def leave_out_digits(header: Index, numbers: NDArray[np.float32], rounding: float) -> None:
+    """Round the numbers of a matrix in patches in place, so that files of them have few digits.
+
+    header, numbers : of ``Patches``, the first numbers of their arrays. rounding : the change of the matrix, scaled to
+    a diagonal of ones, over its largest eigenvalue, about: with n rows and independent errors in +-step/2 the change
+    has a norm of step sqrt(n / 3).
+    """
+    count, n = int(header[0]), int(header[1])
+    first, ranks = header[3 : 4 + count], header[4 + count : 4 + 2 * count]
+    at, blocks = 0, list[_Block]()
+    for low, high, rank in zip(first[:-1], first[1:], ranks, strict=True):
+        size, rank = int(high - low), int(rank)
+        triangle = numbers[at : (at := at + size * (size + 1) // 2)]
+        blocks.append(_Block.of(triangle, numbers[at : (at := at + rank * size)].reshape(rank, size)))
+    total = int(ranks.sum())
+    core = numbers[at : at + total * (total + 1) // 2]
+    between = _symmetric(core, total)
+    if not n:
+        return
+
+    def times(x: Array) -> Array:
+        parts = np.split(x, first[1:-1])
+        sums = np.concatenate([block.basis @ part for block, part in zip(blocks, parts, strict=True)])
+        outer = np.split(between @ sums, np.cumsum(ranks)[:-1])
+        return np.concatenate(
+            [b.scaled @ part + b.basis.T @ y for b, part, y in zip(blocks, parts, outer, strict=True)]
+        )
+
+    step = rounding * _largest(times, n) * float(np.sqrt(3.0 / n))
+    of_basis = step / max(1.0, float(np.linalg.norm(between, 2)) if total else 0.0)
+    for block in blocks:
+        scales = block.weights[:, None] * block.weights
+        block.triangle[:] = _rounded(block.triangle, step * scales[np.tril_indices(len(scales))])
+        block.rows[:] = _rounded(block.rows, of_basis * block.weights)
+    core[:] = _rounded(core, np.asarray(step))
 
 
-def _rounded(values: Array, step: Array | float) -> Array:
-    """Values as multiples of the power of two at or below a step, so that files of them have few digits; as they are
-    where it is 0."""
-    if not np.any(step):
-        return values
+class _Block(NamedTuple):
+    """A patch: the numbers of its triangle and of its basis, views; its weights, block and basis, scaled."""
+
+    triangle: NDArray[np.float32]
+    rows: NDArray[np.float32]
+    weights: Array
+    scaled: Array
+    basis: Array
+
+    @classmethod
+    def of(cls, triangle: NDArray[np.float32], rows: NDArray[np.float32]) -> _Block:
+        """From its numbers."""
+        block = _symmetric(triangle, rows.shape[1])
+        weights = np.sqrt(block.diagonal())
+        return cls(triangle, rows, weights, block / (weights[:, None] * weights), rows / weights)
+
+
+def _symmetric(triangle: NDArray[np.float32], n: int) -> Array:
+    """The matrix (n, n) of a lower triangle, row by row."""
+    matrix = np.zeros((n, n))
+    matrix[np.tril_indices(n)] = triangle
+    return np.asarray(matrix + np.tril(matrix, -1).T)
+
+
+def _rounded(values: NDArray[np.float32], step: Array) -> Array:
+    """Values as multiples of the power of two at or below a step."""
     unit = np.exp2(np.floor(np.log2(step)))
     return np.asarray(np.rint(values / unit) * unit)
 
@@ -158,9 +199,14 @@ def _bases(scaled: Array, first: Index, tolerance: float) -> list[Array]:
 
 def _norm(matrix: Array) -> float:
     """Largest eigenvalue of a symmetric positive matrix, about."""
-    x, size = np.ones(len(matrix)), 1.0
+    return _largest(lambda x: np.asarray(matrix @ x), len(matrix))
+
+
+def _largest(times: Callable[[Array], Array], n: int) -> float:
+    """That of the matrix that a vector (n,) is multiplied by."""
+    x, size = np.ones(n), 1.0
     for _ in range(_POWERS):
-        x = matrix @ x
+        x = times(x)
         size = float(np.linalg.norm(x))
         x /= size
     return size
