@@ -122,11 +122,11 @@ def leave_out_digits(header: Index, numbers: NDArray[np.float32], rounding: floa
     """
     count, n = int(header[0]), int(header[1])
     first, ranks = header[3 : 4 + count], header[4 + count : 4 + 2 * count]
-    at, blocks = 0, list[_Block]()
+    at, blocks = 0, list[_ScaledPatch]()
     for low, high, rank in zip(first[:-1], first[1:], ranks, strict=True):
         size, rank = int(high - low), int(rank)
         triangle = numbers[at : (at := at + size * (size + 1) // 2)]
-        blocks.append(_Block.of(triangle, numbers[at : (at := at + rank * size)].reshape(rank, size)))
+        blocks.append(_ScaledPatch.of(triangle, numbers[at : (at := at + rank * size)].reshape(rank, size)))
     total = int(ranks.sum())
     core = numbers[at : at + total * (total + 1) // 2]
     between = _symmetric(core, total)
@@ -150,7 +150,7 @@ def leave_out_digits(header: Index, numbers: NDArray[np.float32], rounding: floa
     core[:] = _rounded(core, np.asarray(step))
 
 
-class _Block(NamedTuple):
+class _ScaledPatch(NamedTuple):
     """A patch: the numbers of its triangle and of its basis, views; its weights, block and basis, scaled."""
 
     triangle: NDArray[np.float32]
@@ -160,7 +160,7 @@ class _Block(NamedTuple):
     basis: Array
 
     @classmethod
-    def of(cls, triangle: NDArray[np.float32], rows: NDArray[np.float32]) -> _Block:
+    def of(cls, triangle: NDArray[np.float32], rows: NDArray[np.float32]) -> _ScaledPatch:
         """From its numbers."""
         block = _symmetric(triangle, rows.shape[1])
         weights = np.sqrt(block.diagonal())
