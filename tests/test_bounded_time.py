@@ -87,7 +87,7 @@ def test_a_limited_run_is_marked_and_goes_on(capsys: pytest.CaptureFixture[str])
     assert_equal(Path("whole.nc"), Path("out.nc"))
 
 
-@pytest.mark.parametrize(("window", "instants"), [(1, 60), (4, 12)])
+@pytest.mark.parametrize(("window", "instants"), [(1, 60), (4, 24)])
 def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(
     window: int, instants: int, tmp_path: Path
 ) -> None:

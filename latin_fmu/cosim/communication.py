@@ -182,7 +182,7 @@ class CommunicationRun:
         self.image.write()
         self.products = settled(self.image.classes, _fixed(self.image))
         if problem.reduced is not None:
-            shorten(self.image.run[0], self.image.classes, self.image.fixed)
+            shorten(self.image.run[0], self.image.classes, self.image.fixed, settings.tolerance)
         self.image.call(entries.PRESENT)
 
     def set(self, name: str, value: float, rate: float) -> None:

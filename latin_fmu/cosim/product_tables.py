@@ -30,7 +30,9 @@ the numbers of rows, columns and factors of a row."""
 _ROUND_OFF: Final = 1e-14  # of the largest number of a row
 OF_RESPONSE: Final = 8e-5
 OF_INVERSE: Final = 2e-7
-"""Rounding of Y and S^-1: outputs change by less than a tenth of what the tolerance of a scene leaves open."""
+"""Rounding of Y and S^-1 at the default tolerance of the iteration, ``_TOLERANCE``, or a looser one, in proportion at a
+tighter one: outputs change by less than a tenth of what the tolerance leaves open."""
+_TOLERANCE: Final = 1e-3
 _SHOWN: Final = 2.0**-26
 """Relative step of numbers of the matrix of outputs."""
 _WORTH: Final = 3  # times as many numbers as factors that a table has at least
@@ -85,9 +87,13 @@ def settled(classes: Any, fixed: Array) -> list[Product]:
     return found
 
 
-def shorten(run: Any, classes: Any, fixed: Array) -> None:
+def shorten(run: Any, classes: Any, fixed: Array, tolerance: float) -> None:
     """Leave out digits that neither the iteration nor an output of a run by modes shows: of Y and S^-1 in patches, and
-    of the matrix of the outputs, which multiplies motions of single precision. A file could not compress them."""
+    of the matrix of the outputs, which multiplies motions of single precision. A file could not compress them.
+
+    tolerance : of the iteration, on sqrt(eta).
+    """
+    share = min(tolerance / _TOLERANCE, 1.0)
     whole, single = fixed.view(np.int64), fixed.view(np.float32)
     for row in classes:
         for header, numbers, there, rounding in (
@@ -95,7 +101,7 @@ def shorten(run: Any, classes: Any, fixed: Array) -> None:
             ("response_header", "response", row["patched"] and row["halved"], OF_RESPONSE),
         ):
             if there:
-                leave_out_digits(whole[int(row[header]) :], single[int(row[numbers]) :], rounding)
+                leave_out_digits(whole[int(row[header]) :], single[int(row[numbers]) :], share * rounding)
     end = fixed.view(np.int64)[int(run["output_starts"] + run["output_rows"])]
     values = fixed[int(run["output_values"]) :][:end]
     digits, powers = np.frexp(values)

@@ -16,6 +16,7 @@ from fmu_build.checks import validate
 from latin_fmu import Scene, scene_from_dict
 from latin_fmu.api import solve
 from latin_fmu.cosim import communication
+from latin_fmu.cosim.product_tables import shorten
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.errors import SceneError
@@ -27,7 +28,7 @@ MODELS = Path(__file__).parents[2] / "models"
 EXACT = 1e-5  # of the largest of a history: the tolerance of both iterations, rows of displacements being exact
 OF_RATES = 1e-2  # rates of relative motions over the last step, where the run has central differences
 OF_FORCES = 5e-3  # of bonds, reactions and bolts, by the same rates and without accelerations of relative motions
-OF_ROUNDING = 3e-5  # of tables of the march
+OF_ROUNDING = 3e-5  # of tables of the march, at the default tolerance
 OF_ACCELERATIONS = 1e-1  # of the stacks, whose steps are a third of the shortest period
 OF_GAPS = 1e-4  # of a few nm in stiff stacks, where both iterate to 1e-5 by other windows
 Histories = Mapping[str, np.ndarray]
@@ -158,8 +159,8 @@ def test_a_moved_port_exerts_the_reaction_of_the_run(low: str) -> None:
 
 
 def test_the_tension_of_a_bolt_is_that_of_the_run() -> None:
-    """The shipped lap joint, pulled."""
-    changes = ["solver.propagator=modal", "output.energy=false"]
+    """The shipped lap joint, pulled; at its own tolerance the iterations of both differ by more."""
+    changes = ["solver.propagator=modal", "solver.tolerance=1e-4", "output.energy=false"]
     scene = latin_fmu.load_scene(MODELS / "lap_joint" / "shock.toml", [*changes, "time.end=1e-4", "time.step=1e-6"])
     solution = solve(scene)
     assert solution.converged
@@ -177,19 +178,21 @@ def test_the_tension_of_a_bolt_is_that_of_the_run() -> None:
 
 def test_rounded_tables_change_less_than_the_tolerance_of_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of Y, S^-1 and the matrix of the outputs, beside tables with all their digits, at a tolerance of the iteration
-    that shows it; at half of its default tolerance the scene has other forces by 1e-3 of their peaks."""
+    that shows it: rounded in proportion, and as for the default tolerance."""
     changes = ["propagator=modal", "tolerance=2e-6", "max_iterations=2000"]
     changes = [*(f"solver.{change}" for change in changes), "output.energy=false", "time.end=6e-5", "time.step=1e-6"]
     scene = latin_fmu.load_scene(MODELS / "lap_joint" / "shock.toml", changes)
     _, rounded = outputs_of(scene, {}, 1e-6)
+    monkeypatch.setattr(communication, "shorten", lambda run, classes, fixed, _: shorten(run, classes, fixed, 1e-3))
+    _, coarsely = outputs_of(scene, {}, 1e-6)
     monkeypatch.setattr(communication, "shorten", lambda *_: None)
     _, whole = outputs_of(scene, {}, 1e-6)
     names = [name for name in whole if name.endswith((".normalForce", ".largestForce", ".largestBendingMoment"))]
     names += [name for name in whole if name.startswith("sensor") and ".largest" in name]
     assert len(names) >= 10
-    for name in names:
-        change = np.abs(rounded[name] - whole[name]).max() / np.abs(whole[name]).max()
-        assert 0.0 < change <= OF_ROUNDING, (name, change)
+    for found, limit in ((rounded, 0.05 * OF_ROUNDING), (coarsely, OF_ROUNDING)):
+        change = {name: np.abs(found[name] - whole[name]).max() / np.abs(whole[name]).max() for name in names}
+        assert 0.05 * limit < max(change.values()) <= limit, change
 
 
 def test_steps_are_taken_back_to_the_last_bit() -> None:
