@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from ..effects.explanation import WORTH
 from ..pictures.style import BAD, DISTINCT, styled
-from .measured_effects import CHEAPER, GROUPS, SMALL, MeasuredEffects
+from .measured_effects import GROUPS, SMALL, MeasuredEffects
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,5 +64,5 @@ def _influence(axes: Axes, changes: list[dict[str, float]]) -> None:
     axes.xaxis.set_major_formatter("{x:g}")
     axes.axvline(100.0 * SMALL, color=BAD, linestyle="--", linewidth=1.0)
     axes.set_xlabel(f"change of the results without it (%); dashed: {100 * SMALL:g} %")
-    axes.set_title(f"influence (* saves {100 * CHEAPER:.0f} % or more, changes {100 * SMALL:g} % or less)")
+    axes.set_title(f"influence (* saves {100 * WORTH:.0f} % or more, changes {100 * SMALL:g} % or less)")
     axes.legend(fontsize=8, loc="lower right")

@@ -5,7 +5,7 @@ bending modes, damping, bodies that are never touched, stored fields, sensors, s
 ``effects.explanation`` suggests. Price: CPU time that a run takes less without the effect. Influence: distance of
 forces and motions from those of the scene then (``changes``).
 
-A change is suggested where it saves ``CHEAPER`` of the CPU time or more and changes the results by ``SMALL`` or less.
+A change is suggested where it saves ``WORTH`` of the CPU time or more and changes the results by ``SMALL`` or less.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from ..scene.readable_numbers import aligned
 from ..scene.schema import Scene, with_settings
 from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_factor, message_of
 
-CHEAPER: Final = WORTH
 SMALL: Final = 0.01
 """Largest relative change of the results by a suggested change."""
 LONG: Final = 60.0
@@ -132,9 +131,9 @@ class MeasuredEffects:
 
     @property
     def suggested(self) -> list[MeasuredEffect]:
-        """Changes that save ``CHEAPER`` or more, beyond the scatter of runs, and whose influence is ``SMALL`` or less;
+        """Changes that save ``WORTH`` or more, beyond the scatter of runs, and whose influence is ``SMALL`` or less;
         cheapest first."""
-        most = (1.0 - max(CHEAPER, self.plain.scatter)) * self.plain.cpu
+        most = (1.0 - max(WORTH, self.plain.scatter)) * self.plain.cpu
         worth = [e for e in self.effects if e.cpu < most and max(e.changes.values(), default=math.inf) <= SMALL]
         return sorted(worth, key=lambda e: e.cpu)
 
@@ -169,7 +168,7 @@ class MeasuredEffects:
         lines += [f"{line}   {last}" for line, last in zip(table, ("by", *(row[-1] for row in rows)), strict=True)]
         lines += [f"  not measured: {text}" for text in self.unmeasured]
         found = [f"  * {e.what} (saves {100 * (1 - e.cpu / self.plain.cpu):.0f} %)" for e in self.suggested]
-        lines.append(f"Saves {100 * CHEAPER:.0f} % or more, changes the results by {100 * SMALL:.0f} % or less:")
+        lines.append(f"Saves {100 * WORTH:.0f} % or more, changes the results by {100 * SMALL:.0f} % or less:")
         return "\n".join([*lines, *(found or ["  nothing"])])
 
 

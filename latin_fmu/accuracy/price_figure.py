@@ -135,16 +135,16 @@ def _as_written(axes: Axes, study: Study, quantity: str) -> None:
 
 def _stars(axes: Axes, study: Study, quantity: str) -> None:
     """One star a run, with all the targets that it is the cheapest for."""
+    cheapest_rows = {target: cheapest(study, quantity, target, study.main) for target in TARGETS}
     found: dict[int, tuple[Row, list[float]]] = {}
-    for target in TARGETS:
-        if (row := cheapest(study, quantity, target, study.main)) is not None:
+    for target, row in cheapest_rows.items():
+        if row is not None:
             found.setdefault(id(row), (row, []))[1].append(target)
-    missed = [t for t in TARGETS if cheapest(study, quantity, t, study.main) is None]
-    unknown = [t for t in missed if t <= _floor(study, quantity)]
-    missed = [t for t in missed if t not in unknown]
+    unknown = [t for t, row in cheapest_rows.items() if row is None and t <= _floor(study, quantity)]
+    missed = [t for t, row in cheapest_rows.items() if row is None and t not in unknown]
     for i, (row, targets) in enumerate(found.values()):
         setting = Price(math.nan, row.resolution.mesh, row.resolution.time).setting
-        text = f"{_listed(targets)}: {cpu_time(row.run.cpu)}\n{_as_words(setting)}"
+        text = f"{_listed(targets)}: {cpu_time(row.run.cpu)}\n{setting}"
         place = row.run.cpu, _shown_error(study.error(row, quantity))
         label = "cheapest run for an error of 5, 2, 1 %" if i == 0 else None
         axes.plot(*place, "*", color=_STAR, markersize=15, label=label, zorder=6)
@@ -157,10 +157,6 @@ def _stars(axes: Axes, study: Study, quantity: str) -> None:
     axes.text(0.98, 0.98, "\n".join(lines), corner)
     for target in TARGETS:
         axes.axhline(100 * target, color="0.75", linewidth=0.7, zorder=1)
-
-
-def _as_words(setting: str) -> str:
-    return "as written" if setting == Price(math.nan, 1.0, 1.0).setting else setting
 
 
 def _listed(targets: Sequence[float]) -> str:

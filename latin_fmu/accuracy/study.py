@@ -21,10 +21,11 @@ from typing import Any, Final
 import numpy as np
 
 from ..api import solve
-from ..errors import LatinError, Problem, SceneError
+from ..errors import LatinError, Problem, SceneError, SolverError
 from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.interface_fields import Force
+from ..results.prices import AS_WRITTEN
 from ..results.solution import Solution
 from ..run_quantities import Quantities, measure_solution, of_force, relative
 from ..scene.describe import tables_in, tag_of
@@ -140,9 +141,6 @@ def _own_error(quantities: Quantities, errors: dict[str, float]) -> ErrorEstimat
 def _unusable(file: Path, error: Exception) -> Problem:
     allowed = "JSON with scene, source, holds_for, values, force (NAME: time, value), errors where not exact"
     return Problem(str(file), f"not a usable reference: {type(error).__name__}: {error}", allowed=allowed)
-
-
-AS_WRITTEN = "as written"
 
 
 @dataclass(frozen=True)
@@ -443,6 +441,7 @@ def study(scene: Scene, budget: float, log: Log, methods: bool = False) -> Study
     Raises
     ------
     SceneError : the scene cannot be built as written.
+    SolverError : no run converges.
     """
     study_runs = StudyRuns(budget, log)
     main = main_variant(scene)
@@ -452,6 +451,7 @@ def study(scene: Scene, budget: float, log: Log, methods: bool = False) -> Study
     runs = [r for r in (study_runs.run(TOGETHER, main, at, save=True) for at in coarse) if r is not None]
     if not runs:
         at_resolution(scene, Resolution())  # raises the error of the scene
+        raise SolverError(f"{scene.name}: no run as written or coarser has converged: {study_runs.rows[-1].failure}")
     reference = declared(scene)
     for f in (f for f in factors if f > 1.0):
         # of the budget: a reference of its own has to be finer than all others

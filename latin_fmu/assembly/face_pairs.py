@@ -48,7 +48,7 @@ class FacePair:
     sags : (n_point,) how far the facets there are from the smooth surfaces they stand for, both sides, m.
     shares : covered share of the area of each side.
     chord : how far flat facets of round faces are from those at most, m; 0 where round faces have curved facets.
-    alike : whether the owner is E because nothing else tells the sides apart. passed_over : number of points of the
+    alike : whether the owner is E because the sides differ in nothing else. passed_over : number of points of the
     other side, where it would give them but for directions in which these cannot move; 0 elsewhere.
     linear : see ``InterfaceGeometry``.
     """

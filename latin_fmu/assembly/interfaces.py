@@ -442,7 +442,7 @@ def _face_pair(
 
 
 def _owner_remarks(name: str, sides: Sequence[Side], pair: FacePair) -> list[str]:
-    """A remark on points that come from side E because nothing but the order of the sides tells them apart, or from a
+    """A remark on points that come from side E because the sides differ in their order alone, or from a
     side that has few of them because supports hold nodes of the other one."""
     if _FEWER * len(pair.points) < pair.passed_over:
         here, there = (sides[i][0].name for i in (pair.owner, 1 - pair.owner))

@@ -206,6 +206,7 @@ def cost(options: CostOptions) -> int:
             budget = _BUDGET
     if not 0.0 < budget < 1e6:
         raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
+    _check_quantities(options.of)
     if options.output is not None:
         _check_studies(loaded, options.output)
     studies = []
@@ -215,7 +216,6 @@ def cost(options: CostOptions) -> int:
             studies.append(study(scene, budget, waiting.log, options.methods))
         if not options.json:
             print(as_text(studies[-1]), flush=True)
-    _check_quantities(studies, options.of)
     if options.output is not None:
         _write_studies(studies, options.output, options.of)
     if options.json:
@@ -223,12 +223,18 @@ def cost(options: CostOptions) -> int:
     return CONVERGED
 
 
-def _check_quantities(studies: list[Study], wanted: tuple[str, ...]) -> None:
-    """Name what no study has: the figure would leave it out without a word."""
-    known = dict.fromkeys(q for study in studies for q in study.quantities)
-    for name in wanted:
-        if not any(q == name or q.endswith(f".{name}") for q in known):
-            say(f"--of {name}: no study has this quantity; there are {', '.join(known)}")
+def _check_quantities(wanted: tuple[str, ...]) -> None:
+    """Refuse names of quantities that no scene has, before the long part."""
+    from ..scene.quantity_table import QUANTITIES_OF_INTEREST
+
+    keys = [row.key for row in QUANTITIES_OF_INTEREST]
+    problems = [
+        Problem("--of", "unknown quantity", name, f"one of {', '.join(keys)}, after the name of one owner or not")
+        for name in wanted
+        if name.rpartition(".")[2] not in keys
+    ]
+    if problems:
+        raise InputError(problems, "bad argument")
 
 
 def _check_studies(scenes: Sequence[Scene], folder: Path) -> None:

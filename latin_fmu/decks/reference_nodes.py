@@ -241,7 +241,9 @@ def _hold_along(deck: Translation, tied: TiedSet, part: str) -> None:
     """A support along one direction."""
     direction = np.array(tied.direction)
     if not direction.any():
-        deck.refuse(tied.card, "factors whose sum is 0: the equation says nothing", ", ".join(tied.members[:6]))
+        deck.refuse(
+            tied.card, "factors whose sum is 0: the equation holds for any displacements", ", ".join(tied.members[:6])
+        )
         return
     _without_middles(deck, tied.name)
     table: dict[str, Any] = {"type": "fixed", "face": f"{part}.{tied.name}", "components": ["x"]}

@@ -65,7 +65,7 @@ class ReferenceNode:
 
     Attributes
     ----------
-    name : of its tables. card : that says so. kind : see ``BODY`` and its like. part, face : whose nodes they are;
+    name : of its tables. card : of it. kind : see ``BODY`` and its like. part, face : whose nodes they are;
     "*" is the whole part. axes : translations that are coupled, from 0. rotations : those that the motion has, from 0.
     point : (3,) place of the node, None where there is none.
     """

@@ -16,7 +16,8 @@ from .quantities import Columns, Named, rows
 
 TARGETS: Final = (0.05, 0.02, 0.01)
 """Relative errors that have a price."""
-AS_IT_IS: Final = "reached"
+AS_WRITTEN: Final = "as written"
+"""Setting that changes nothing."""
 IN_SUMMARY: Final = 6
 """Most quantities in the table of the summary."""
 
@@ -28,7 +29,7 @@ class Price:
     Attributes
     ----------
     target : relative error. mesh, steps : elements per length and steps per time, relative to the scene; NaN where it
-        cannot be had. tolerance : on sqrt(eta). cpu : CPU seconds of a run with its output, s. memory : at most, bytes.
+        cannot be had. tolerance : on sqrt(eta). cpu : CPU time of a run, s, without its output. memory : bytes at most.
     reason : why it cannot be had, empty where it can.
     """
 
@@ -49,7 +50,7 @@ class Price:
         """
         mesh, steps = f"{self.mesh:.2g}", f"{self.steps:.2g}"
         if mesh == steps == "1":
-            return AS_IT_IS
+            return AS_WRITTEN
         if mesh == steps:
             return f"elements, steps x {mesh}"
         parts = [f"{name} x {factor}" for name, factor in (("elements", mesh), ("steps", steps)) if factor != "1"]
@@ -60,8 +61,8 @@ class Price:
         """Cost and setting, or the reason why there are none."""
         if self.reason:
             return self.reason
-        if self.setting == AS_IT_IS:
-            return AS_IT_IS
+        if self.setting == AS_WRITTEN:
+            return "reached"
         return f"{cpu_time(self.cpu)} ({self.setting})"
 
 

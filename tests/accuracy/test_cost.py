@@ -230,6 +230,18 @@ def test_the_target_folder_is_checked_before_the_run(tmp_path: Path, capsys: pyt
     assert "latin-fmu:" in capsys.readouterr().err
 
 
+def test_what_cannot_be_studied_is_refused_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    """A quantity that no scene has, before any run; a scene of which no run converges."""
+    scene = str(MODELS / "impact_bar/scene.toml")
+    assert main(["cost", scene, "--of", "wall.peak_farce"]) == 2
+    assert "--of: unknown quantity (value: wall.peak_farce)" in capsys.readouterr().err
+    settings = ["solver.max_iterations=1", "solver.tolerance=1e-12", "time.instants=32"]
+    assert main(["cost", scene, "-q", *(word for s in settings for word in ("--set", s))]) != 0
+    told = capsys.readouterr().err
+    assert "no run as written or coarser has converged" in told
+    assert "Traceback" not in told
+
+
 def test_a_scene_without_a_declared_reference_gets_a_refined_run_with_its_own_error() -> None:
     made = StudyRuns(3.0, lambda _: None)
     scene = shipped("impact_bar")

@@ -81,7 +81,7 @@ def test_without_the_split_both_change_at_one_ratio() -> None:
 
 def test_a_run_that_is_within_the_target_is_reached_even_if_no_coarser_one_is() -> None:
     found = price(shipped("two_specimen_crushing"), 0.05, measured(0.04, 0.01), error=0.0499)
-    assert (found.mesh, found.steps, found.setting) == (1.0, 1.0, "reached")
+    assert (found.mesh, found.steps, found.text) == (1.0, 1.0, "reached")
 
 
 @pytest.mark.parametrize(
