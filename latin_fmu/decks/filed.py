@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ..mesh_files.content import Array
+from ..mesh_files.content import Array, Index
 from ..mesh_files.deck_scene import rows_of_set
 from ..results.solution import Solution
 from .frd_file import KINDS, FrdBlock, FrdMesh, frd_text
@@ -37,17 +37,22 @@ def filed_mesh(prints: DeckPrints) -> FrdMesh:
             nodes = content.labels[content.solids[kind][rows]].tolist()
             elements += [(label, kind, cell, number) for label, cell in zip(labels, nodes, strict=True)]
     elements.sort()
-    used = np.unique(np.concatenate([content.nodes_of(group) for group in prints.parts]))
-    used = used[np.argsort(content.labels[used])]
+    used = _used_nodes(prints)
     return FrdMesh(content.labels[used], content.points[used], elements, materials)
+
+
+def _used_nodes(prints: DeckPrints) -> Index:
+    """Rows of the nodes of the solids of a deck, in the order of their numbers."""
+    content = prints.content
+    used = np.unique(np.concatenate([content.nodes_of(group) for group in prints.parts]))
+    return np.asarray(used[np.argsort(content.labels[used])])
 
 
 def filed_blocks(prints: DeckPrints, solution: Solution) -> Iterator[FrdBlock]:
     """The blocks that a deck files, in the order of CalculiX; instants that a run has not reached have none."""
     values = PrintedValues(prints, solution)
     content = prints.content
-    used = np.unique(np.concatenate([content.nodes_of(group) for group in prints.parts]))
-    used = used[np.argsort(content.labels[used])]
+    used = _used_nodes(prints)
     reached = solution.time[-1] + 1e-9 * abs(solution.time[-1])
     for instant in prints.instants:
         wanted = {word: request for request in prints.filed(instant) for word in request.words}
