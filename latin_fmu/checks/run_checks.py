@@ -15,7 +15,8 @@ all nodes; moments are about the centre of the body.
 The end of a run is not trustworthy, though its instants have converged, by three measures that no test of an instant
 contains, each with the number, the place and a remedy:
 
-    sinking    a point that never opened and has sunk (``InterfaceHistory.sunk``) by more than 1 % of the shortening
+    sinking    a point that never opened, but for gaps that velocities exact to the tolerance leave in a step, and has
+               sunk (``InterfaceHistory.sunk``) by more than 1 % of the shortening
                of the bolt around whose shank it is, else of the elastic approach p (L/E + L'/E') of both bodies,
                p the largest mean pressure of the interface and L/E as in ``body.side_stiffness``; bodies without
                elasticity have none. Where loads press the joint, as a weight does (``checks.release``), an
@@ -69,6 +70,7 @@ SUNK, OPEN = 0.01, 0.01
 TOLD, STRAYED = 1e-3, 0.05
 """Share of the largest force of a joint that loads press, by which the approach of its sides changes the force: from
 which on it is a remark, and beyond which a run is not trustworthy."""
+_NOISE = 4.0  # of the error that the tolerance allows a velocity: single instants are worse than the mean
 _IMPACT = 0.1  # of the largest force of an interface, of points that close in one step
 _PRECISION = 1e-12  # of sizes and displacements: round-off of a gap
 
@@ -513,7 +515,8 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
     s."""
     length, clamps = problem.unit_system["m"], problem.clamps
     for name, history in histories.items():
-        sunk = history.sunk()
+        noise = _noise(problem, history, time)
+        sunk = history.sunk(noise)
         if not sunk.any():
             continue
         approach = problem.flexibility[name] * _mean_pressure(history)
@@ -526,7 +529,7 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
         if (deep & (whose < 0)).any():
             free = _released(problem, histories, name)
             if free is not None:
-                yield from _strayed(problem, history, time, free)
+                yield from _strayed(problem, history, time, free, noise)
                 deep &= whose >= 0
         if not deep.any():
             continue
@@ -542,6 +545,14 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
             f"of {of} (allowed: {percent(SUNK)}); the clamp force is inaccurate: {_finer(problem)}"
         )
         yield Sinking(words, fault=True)
+
+
+def _noise(problem: SolverReadyProblem, history: InterfaceHistory, time: Array) -> float:
+    """Gap, m, that the errors of velocities exact to the tolerance open in a step."""
+    if len(time) < 2 or len(history.velocity) < 2:
+        return 0.0
+    step = float(time[1] - time[0])
+    return _NOISE * problem.settings.tolerance * float(np.abs(history.velocity).max(initial=0.0)) * step
 
 
 def _finer(problem: SolverReadyProblem) -> str:
@@ -560,18 +571,21 @@ def _released(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHist
     return released(list(models.values()), nodes, problem.assembly.interfaces, pressed, name)
 
 
-def _strayed(problem: SolverReadyProblem, history: InterfaceHistory, time: Array, free: Release) -> Iterator[Sinking]:
+def _strayed(
+    problem: SolverReadyProblem, history: InterfaceHistory, time: Array, free: Release, noise: float
+) -> Iterator[Sinking]:
     """A sentence on a joint that loads press, where the approach of its sides changes the force; ``time`` : (n_time,),
-    s.
+    s; ``noise`` : gap, m, up to which points count as closed.
 
     In points that stay closed for two steps the sides have no relative acceleration along the normal: what the gap has
     of it, over the mean of these points, is an error of the iteration, and takes a force by the mass that it moves, or
     that of a wave where it is over before the wave is back.
     """
-    force = free.stiffness * float(history.sunk().max())
+    depth = float(history.sunk(noise).max())
+    force = free.stiffness * depth
     largest = float(history.normal_resultant().max(initial=0.0))
     if history.gap is not None and history.contact_status is not None and len(time) > 2 and not history.quasi_static:
-        closed = history.contact_status != SEPARATION
+        closed = history.closed(noise)
         areas = (closed[:-2] & closed[1:-1] & closed[2:]) * history.areas
         speed = np.diff(history.gap, axis=0) / np.diff(time)[:, None]
         total = np.maximum(areas.sum(axis=1), np.finfo(float).tiny)
@@ -585,12 +599,12 @@ def _strayed(problem: SolverReadyProblem, history: InterfaceHistory, time: Array
     else:
         share = 0.0
     if not share <= TOLD:  # NaN, too
-        fault, depth = not share <= STRAYED, readable(float(history.sunk().max()), problem.unit_system.label("m"), 3)
+        fault, approach = not share <= STRAYED, readable(depth, problem.unit_system.label("m"), 3)
         limit = ""
         if fault:
             limit = f" (allowed: {percent(STRAYED)})"
         yield Sinking(
-            f"interface {history.name}: its sides, pressed together by loads alone, have approached by {depth} at "
+            f"interface {history.name}: its sides, pressed together by loads alone, have approached by {approach} at "
             f"points that stayed closed; the inertia of this motion changes the force between them by {percent(share)} "
             f"of its largest value in the mean over a few steps, at single instants by more{limit}: {_finer(problem)}",
             fault,

@@ -165,17 +165,17 @@ class InterfaceHistory:
             return 0.0
         return float(max(0.0, -self.gap.min()))
 
-    def sunk(self) -> Array:
+    def sunk(self, noise: float = 0.0) -> Array:
         """How far the sides have approached at points that never opened, (n_point,), m: the largest decrease of the gap
         since the start, or since ``SETTLED`` instants after the first pressure; 0 at points that opened or never
         touched.
 
         The laws keep a closed gap as it is: what it decreases by is the error of the run, where a landing leaves a
-        penetration, within some steps.
+        penetration, within some steps. ``noise`` : gap, m, up to which a point between two contacts counts as closed.
         """
         if self.gap is None or self.contact_status is None or not self._penetrable:
             return np.zeros(len(self.points))
-        touches = self.contact_status != SEPARATION
+        touches = self.closed(noise)
         # argmax of no contact at all is 0: masked by ``stayed``
         first, instants = np.argmax(touches, axis=0), np.arange(len(touches))[:, None]
         stayed = touches.any(axis=0) & (touches | (instants < first)).all(axis=0)
@@ -186,11 +186,39 @@ class InterfaceHistory:
         before = np.where(instants < first, self.gap, -np.inf).max(axis=0, initial=-np.inf)
         return np.where(stayed & (before <= _CLOSED * depth), depth.clip(min=0.0), 0.0)
 
+    def closed(self, noise: float = 0.0) -> NDArray[np.bool_]:
+        """Whether the points touch (n_kept, n_point), openings of up to ``noise``, m, between two contacts counted as
+        contact: those of a closed joint whose velocities are exact to the tolerance of the run alone."""
+        if self.gap is None or self.contact_status is None:
+            return np.ones((len(self.velocity), len(self.points)), dtype=bool)
+        touches = np.asarray(self.contact_status != SEPARATION)
+        if not (noise > 0.0 and (~touches & (self.gap <= noise)).any()):
+            return touches
+        return touches | _openings_within(noise, ~touches, self.gap)
+
     def landed(self) -> float:
         """Largest penetration of a landing, m: without what points that never opened have sunk."""
         if self.gap is None or not self._penetrable:
             return 0.0
         return float(max(0.0, (-self.gap.min(axis=0) - self.sunk()).max(initial=0.0)))
+
+
+def _openings_within(noise: float, opened: NDArray[np.bool_], gap: Array) -> NDArray[np.bool_]:
+    """The openings (n_kept, n_point) whose gap, m, stays within ``noise`` from one contact to the next."""
+    kept, points = opened.shape
+    # a row of instants for each point, contact before and after; the first and last opening have one neighbour alone
+    edges = np.diff(np.pad(opened.T.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    (point, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    inner = (begin > 0) & (end < kept)
+    first, behind = (point * kept + begin)[inner], (point * kept + end)[inner]
+    if not len(first):
+        return np.zeros_like(opened)
+    # one more value at the end, where an opening of the last point may end
+    widest = np.maximum.reduceat(np.append(gap.T, 0.0), np.stack([first, behind], axis=1).ravel())[::2]
+    marks = np.zeros(points * kept + 1, dtype=np.int64)
+    marks[first[widest <= noise]] += 1
+    marks[behind[widest <= noise]] -= 1
+    return np.asarray(np.cumsum(marks)[:-1].reshape(points, kept).T > 0)
 
 
 @dataclass(frozen=True)

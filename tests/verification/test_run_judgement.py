@@ -97,6 +97,28 @@ def test_points_that_stayed_closed_are_told_from_those_that_landed() -> None:
     assert history(gap[:, :2].tolist(), pressure[:, :2].tolist()).landed() == pytest.approx(4e-8)
 
 
+def test_openings_below_the_accuracy_of_velocities_are_none() -> None:
+    """Points, in turn: opens twice within the noise, once beyond it, within it at the start and at the end (no
+    opening between two contacts), and touches throughout; openings of neighbours in the table do not mix."""
+    gap, pressure = np.full((8, 4), -1e-9), np.ones((8, 4))
+    gap[[1, 2, 5], 0], pressure[[1, 2, 5], 0] = [2e-9, 1e-9, 2e-9], 0.0
+    gap[2:5, 1], pressure[2:5, 1] = [1e-9, 4e-9, 1e-9], 0.0
+    gap[[0, 7], 2], pressure[[0, 7], 2] = 1e-9, 0.0
+    joint = history(gap.tolist(), pressure.tolist())
+    expected = pressure > 0.0
+    np.testing.assert_array_equal(joint.closed(), expected)
+    np.testing.assert_array_equal(joint.closed(0.5e-9), expected)
+    expected[[1, 2, 5], 0] = True
+    np.testing.assert_array_equal(joint.closed(3e-9), expected)
+    expected[2:5, 1] = True
+    np.testing.assert_array_equal(joint.closed(5e-9), expected)
+    # sunk counts a point as closed throughout where its openings are noise
+    gap[6, 0] = -7e-9
+    joint = history(gap.tolist(), pressure.tolist())
+    assert joint.sunk()[0] == 0.0
+    assert joint.sunk(3e-9)[0] == pytest.approx(6e-9)
+
+
 # -- rotations ------------------------------------------------------------------------------------------------------
 def turning(degrees: float) -> Tables:
     """A free block that turns by an angle."""
