@@ -45,6 +45,7 @@ _ROUND: Final = 0.03  # difference of the distances of a facet's nodes from the 
 _STEEP: Final = 0.4  # cosine between a normal and the axis from which on a facet belongs to a chamfer
 _RADIAL: Final = 0.9  # cosine between a normal and the radius
 _ENOUGH: Final = 0.1  # share of the surface of a screw that is round about its axis, at least
+_AXIS_STEPS: Final = 4  # steps to the axis of the round faces, from one that may be off by some degrees
 _GLOBAL: Final = 3.5e-3  # angle to a global axis up to which it is meant, rad (0.2 degrees)
 _SEARCH: Final = 0.35  # of the radius: from shank to hole at most
 _OFF: Final = 0.1  # of the length: what is missing of it that is worth a warning
@@ -132,13 +133,38 @@ class BoundaryFacets:
         share, best = max(found, key=lambda pair: pair[0])
         if share < _ENOUGH:
             return None
-        faces = self.round_ones(self._centred(best, np.ones(len(self.areas), dtype=bool)), outwards=True)[0]
-        normals = self.normals[faces] * np.sqrt(self.areas[faces])[:, None]
-        best = np.linalg.eigh(normals.T @ normals)[1][:, 0]
+        line = self._centred(best, np.ones(len(self.areas), dtype=bool))
+        for _ in range(_AXIS_STEPS):
+            line = self._fitted(line, self.round_ones(line, outwards=True)[0])
+        best, faces = line.axis, self.round_ones(line, outwards=True)[0]
         main = int(np.abs(best).argmax())
         if np.linalg.norm(np.delete(best, main)) < _GLOBAL:
             best = np.eye(3)[main]
         return self._centred(best * np.sign(best[main]), faces)
+
+    def _fitted(self, line: ShankLine, faces: Mask) -> ShankLine:
+        """The line from which the corners of each facet are equally far, by a step of Gauss and Newton; normals of
+        chords are inclined, and those of half a shank all to one side."""
+        blocks = self.picked(faces).blocks
+        if not blocks:
+            return line
+        across = np.linalg.svd(line.axis[None])[2][1:]
+        rows, off = [], []
+        for block in blocks:
+            places = self.body.mesh.nodes[block.corners]
+            arms = line.arms(places)
+            distance = np.linalg.norm(arms, axis=2)
+            towards = (arms / np.maximum(distance, 1e-300)[..., None]) @ across.T
+            height = (places - line.point) @ line.axis
+            # what a shift and a tilt of the line take off the distances
+            change = np.concatenate([towards, height[..., None] * towards], axis=2)
+            rows.append((change - change.mean(axis=1, keepdims=True)).reshape(-1, 4))
+            off.append((distance - distance.mean(axis=1, keepdims=True)).ravel())
+        matrix, target = np.concatenate(rows), np.concatenate(off)
+        size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        step = np.linalg.lstsq(matrix / size, target, rcond=1e-6)[0] / size
+        axis = line.axis + step[2:] @ across
+        return ShankLine(axis / np.linalg.norm(axis), line.point + step[:2] @ across)
 
     def _centred(self, axis: Array, faces: Mask) -> ShankLine:
         """The line along an axis that the normals of facets meet best."""

@@ -7,6 +7,7 @@ step_text     unit, materials and densities from the text of a STEP file
 geometry      solids of a file by gmsh
 neighbours    parts that touch, are apart or overlap
 screws        screws among the parts, their threads and what they clamp
+cutting       half models: parts cut by planes of symmetry
 imprint       faces split along the outline of what touches them
 meshing       how fine, second order, names of faces
 sizes         sizes of edges as a field of the library
@@ -18,6 +19,6 @@ record        what a mesh was made from, and what has changed since
 report        what the command prints
 ============  =================================================================================================
 
-gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, imprint, meshing, sizes, repair
-and making run in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
+gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, cutting, imprint, meshing, sizes,
+repair and making run in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
 """

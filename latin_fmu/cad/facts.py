@@ -62,7 +62,7 @@ class CadPart:
         volume in the geometry. volume, area : mm3, mm2. centre : of mass, mm. low, high : corners of its box, mm.
         colour : red, green, blue, 0 to 255; None where the file has none. material, density : as the file names them,
         kg/m3. cylinders : its round faces. outline : (n, 3) places along its edges, mm. smallest : size of its smallest
-        face, the root of its area, mm.
+        face, the root of its area, mm. longest : length of its longest edge, mm.
     """
 
     name: str
@@ -79,6 +79,7 @@ class CadPart:
     smallest: float
     material: str | None = None
     density: float | None = None
+    longest: float = 0.0
 
     @property
     def thickness(self) -> float:
@@ -105,6 +106,31 @@ class CadPart:
         mine, theirs = np.array([*self.low, *self.high]), np.array([*other.low, *other.high])
         return bool(np.abs(mine - theirs).max() <= _SAME * self.diagonal)
 
+    @property
+    def handedness(self) -> int:
+        """1 or -1, the opposite of that of a mirror image; 0 of a part that is its own mirror image, as far as the
+        moments of its edges show it.
+
+        The main axes of the places along the edges, each towards the side of its positive third moment, are
+        right-handed or left-handed.
+        """
+        if len(self.outline) < 4:
+            return 0
+        off = self.outline - self.outline.mean(axis=0)
+        values, axes = np.linalg.eigh(off.T @ off / len(off))
+        third = ((off @ axes) ** 3).mean(axis=0)
+        size = float(np.sqrt(values[2]))
+        distinct = min(values[1] - values[0], values[2] - values[1]) > _CHIRAL * size**2
+        if not (distinct and (np.abs(third) > _CHIRAL * size**3).all()):
+            return 0
+        return int(np.sign(np.linalg.det(axes) * np.prod(np.sign(third))))
+
+    @property
+    def turns(self) -> float:
+        """How many times the longest edge would wind around the part, by the second of the lengths of its box."""
+        around = float(np.pi * np.sort(np.subtract(self.high, self.low))[1])
+        return self.longest / around if around > 0.0 else 0.0
+
     def profile(self, line: CadCylinder) -> tuple[Array, Array]:
         """Heights along a line and distances from it, mm, of the places along the edges."""
         off = self.outline - np.array(line.point)
@@ -114,6 +140,7 @@ class CadPart:
 
 
 _SAME = 1e-5
+_CHIRAL = 1e-3  # of moments over those of the size: below, a part counts as symmetric
 
 
 @dataclass(frozen=True)
@@ -167,7 +194,8 @@ class CadAssembly:
         of it. left_out : what is no part, in words, by kind. remarks : on the parts. faces : names of the faces of the
         mesh by part. ends : area, mm2, of end faces that nothing touches, "part.face". counts : figures of the mesh, by
         what is counted. seconds : of processor time, by stage. guessed : whether the
-        unit is, by the size.
+        unit is, by the size. whole : parts before planes of symmetry have cut them; none without such planes.
+        symmetry : part and face of those on these planes.
     """
 
     file: str
@@ -183,6 +211,8 @@ class CadAssembly:
     counts: dict[str, float] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     guessed: bool = False
+    whole: list[CadPart] = field(default_factory=list)
+    symmetry: list[tuple[str, str]] = field(default_factory=list)
 
     @cached_property
     def by_name(self) -> dict[str, CadPart]:

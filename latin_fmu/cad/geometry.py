@@ -62,7 +62,7 @@ def read_solids(gmsh: Any, path: Path, said: StepText) -> tuple[list[CadPart], l
         holds = "; ".join(left) or "nothing"
         remedy = "export solids, or close its sheets in CAD"
         raise MeshError.of("unreadable CAD", path.name, "the file holds no solids", holds, remedy=remedy)
-    return [_part(gmsh, tag, said) for tag in solids], left
+    return [part_of(gmsh, tag, said) for tag in solids], left
 
 
 def _left_out(gmsh: Any) -> Iterator[str]:
@@ -81,7 +81,7 @@ def _left_out(gmsh: Any) -> Iterator[str]:
             yield f"{count} {one if count == 1 else many} ({shown}): no solid, left out"
 
 
-def _part(gmsh: Any, tag: int, said: StepText) -> CadPart:
+def part_of(gmsh: Any, tag: int, said: StepText) -> CadPart:
     """A solid as a part without its name."""
     occ = gmsh.model.occ
     faces = [abs(f) for _, f in gmsh.model.getBoundary([(3, tag)], oriented=False)]
@@ -107,6 +107,7 @@ def _part(gmsh: Any, tag: int, said: StepText) -> CadPart:
         smallest=min(areas) ** 0.5,
         material=said.materials.get(product),
         density=said.densities.get(product),
+        longest=max((float(occ.getMass(1, edge)) for edge in edges), default=0.0),
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..errors import MeshError
+from .cutting import CutPlane, cut_assembly
 from .facts import CadAssembly, CadPart
 from .geometry import WITHOUT_UNIT, read_solids, start
 from .imprint import faces_of, split_faces
@@ -22,6 +23,7 @@ _INSTALL: Final = (
     'pip install "latin-fmu[meshes]"; where a library of the system is missing: apt install libglu1-mesa libxcursor1 '
     "libxft2 libxinerama1 (Debian, Ubuntu), dnf install mesa-libGLU libXcursor libXft libXinerama (Fedora)"
 )
+_WOUND: Final = 3.0  # times around a part, from which on an edge is a helix
 _SMALL: Final = 0.1  # of the size: faces below that are told
 
 
@@ -32,7 +34,8 @@ class MeshJob:
     Attributes
     ----------
     source, target : CAD file and mesh. unit : of length, in the place of that of the file; None where the file says.
-    wishes : sizes. before : parts of the file as they were read before, whose names stay.
+    wishes : sizes. before : parts of the file as they were read before, whose names stay. planes : of symmetry, which
+        cut the assembly.
     """
 
     source: Path
@@ -40,6 +43,7 @@ class MeshJob:
     unit: str | None = None
     wishes: MeshWishes = field(default_factory=MeshWishes)
     before: Sequence[CadPart] = field(default_factory=list)
+    planes: Sequence[CutPlane] = ()
 
 
 def mesh_assembly(job: MeshJob) -> CadAssembly:
@@ -61,7 +65,9 @@ def mesh_assembly(job: MeshJob) -> CadAssembly:
     parts = [replace(part, name=name) for part, name in zip(parts, named(parts, job.before), strict=True)]
     assembly = CadAssembly(job.source.name, unit, factor, sorted(parts, key=part_order), left_out=left)
     assembly.screws = find_screws(assembly.parts, unit in ("in", "ft"), factor)
-    skins = Skins(gmsh, faces_of(gmsh, {part.name: part.number for part in parts}))
+    if job.planes:
+        _cut(gmsh, assembly, job.planes)
+    skins = Skins(gmsh, faces_of(gmsh, {part.name: part.number for part in assembly.parts}))
     assembly.pairs = find_pairs(gmsh, assembly.parts, skins, job.wishes.touch)
     assembly.remarks += _remarks(assembly, job.wishes)
     read = time.process_time()
@@ -79,6 +85,14 @@ def mesh_assembly(job: MeshJob) -> CadAssembly:
     mesher.write(job.target)
     assembly.seconds = {"reading": read - clock, "splitting": split - read, "meshing": time.process_time() - split}
     return assembly
+
+
+def _cut(gmsh: Any, assembly: CadAssembly, planes: Sequence[CutPlane]) -> None:
+    """Leave one side of the planes."""
+    half = cut_assembly(gmsh, assembly.parts, assembly.screws, planes)
+    assembly.whole, assembly.parts, assembly.screws = assembly.parts, half.parts, half.screws
+    assembly.symmetry = half.faces
+    assembly.remarks += half.remarks
 
 
 _REPAIR: Final = "simplify or repair the part in CAD, or change its edges: --size"
@@ -128,9 +142,23 @@ def _unit(job: MeshJob, said: StepText) -> tuple[str, float]:
 
 
 def _remarks(assembly: CadAssembly, wishes: MeshWishes) -> Iterator[str]:
-    """What is said of parts: faces that are small beside the edges of the mesh."""
+    """What is said of parts: faces that are small beside the edges of the mesh, edges that wind around them, mirror
+    images of others."""
     for part in assembly.parts:
         size = part_size(part, wishes)
         if part.smallest < _SMALL * size:
             edges = f"below a tenth of its edges of {size:.3g} mm"
             yield f"{part.name}: its smallest face is {part.smallest:.3g} mm, {edges}"
+        if part.turns > _WOUND:
+            edge = f"an edge of {part.longest:.4g} mm winds around it (a spring, or a thread drawn in full)"
+            yield f"{part.name}: {edge}; a plain shank in the place of a thread needs a tenth of the mesh"
+    yield from mirror_images(assembly.parts)
+
+
+def mirror_images(parts: Sequence[CadPart]) -> Iterator[str]:
+    """Parts that are mirror images of others: of their volume and surface, and of the other hand."""
+    for i, part in enumerate(parts):
+        if part.handedness:
+            of = next((p for p in parts[:i] if p.same_shape(part) and p.handedness), None)
+            if of is not None and of.handedness != part.handedness:
+                yield f"{part.name} is the mirror image of {of.name}"

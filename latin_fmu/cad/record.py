@@ -22,22 +22,8 @@ def record_text(assembly: CadAssembly) -> str:
         "file": assembly.file,
         "unit": assembly.unit,
         "scale": assembly.scale,
-        "parts": [
-            {
-                "name": part.name,
-                "path": list(part.path),
-                "volume": part.volume,
-                "area": part.area,
-                "centre": list(part.centre),
-                "low": list(part.low),
-                "high": list(part.high),
-                "colour": part.colour,
-                "material": part.material,
-                "density": part.density,
-                "faces": assembly.faces.get(part.name, []),
-            }
-            for part in assembly.parts
-        ],
+        "parts": [_table(part) | {"faces": assembly.faces.get(part.name, [])} for part in assembly.parts],
+        "whole": [_table(part) for part in assembly.whole],
         "screws": [
             {
                 "part": screw.part,
@@ -57,6 +43,21 @@ def record_text(assembly: CadAssembly) -> str:
     return json.dumps(data, indent=1) + "\n"
 
 
+def _table(part: CadPart) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "path": list(part.path),
+        "volume": part.volume,
+        "area": part.area,
+        "centre": list(part.centre),
+        "low": list(part.low),
+        "high": list(part.high),
+        "colour": part.colour,
+        "material": part.material,
+        "density": part.density,
+    }
+
+
 def read_record(path: Path) -> CadAssembly | None:
     """The assembly of a record, as far as it is in it; None where there is no file.
 
@@ -70,6 +71,7 @@ def read_record(path: Path) -> CadAssembly | None:
         data = json.loads(path.read_text(encoding="utf-8"))
         assembly = CadAssembly(data["file"], data["unit"], data["scale"])
         assembly.parts = [_part(number, table) for number, table in enumerate(data["parts"], start=1)]
+        assembly.whole = [_part(number, table) for number, table in enumerate(data.get("whole", []), start=1)]
         assembly.faces = {table["name"]: list(table["faces"]) for table in data["parts"]}
         assembly.screws = [_screw(table) for table in data["screws"]]
     except (ValueError, KeyError, TypeError, AttributeError) as error:

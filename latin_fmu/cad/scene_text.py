@@ -59,7 +59,7 @@ class SceneSketch:
         sentence on where it comes from. parts : names. made_of : material by part, as its file says, and density.
         faces : names of faces by part. support : face that is proposed to be held, "part.face". search : m. screws :
         that are used. possible : others of the table. colours : of parts. guessed : whether the scale is.
-        lines : further ones of the mesh table.
+        lines : further ones of the mesh table. symmetry : part and face of those on planes of symmetry.
     """
 
     name: str
@@ -76,6 +76,7 @@ class SceneSketch:
     colours: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
     guessed: bool = False
     lines: Sequence[str] = ()
+    symmetry: Sequence[tuple[str, str]] = ()
 
 
 def sketch_of(assembly: CadAssembly, name: str, file: str, touch: float) -> SceneSketch:
@@ -94,6 +95,7 @@ def sketch_of(assembly: CadAssembly, name: str, file: str, touch: float) -> Scen
         [screw for screw in assembly.screws if not screw.used],
         {part.name: part.colour for part in assembly.parts if part.colour is not None},
         assembly.guessed,
+        symmetry=assembly.symmetry,
     )
 
 
@@ -116,7 +118,7 @@ def scene_text(sketch: SceneSketch) -> str:
 def _head(sketch: SceneSketch) -> str:
     lines = [
         f"# Of {sketch.source}. What is marked with (?) is a proposal: the file does not tell it.",
-        f"name = {toml_value(sketch.name)}",
+        f"name = {toml_value(part_name(sketch.name))}",
     ]
     return "\n\n".join(lines)
 
@@ -315,6 +317,8 @@ def _support(sketch: SceneSketch) -> Iterator[str]:
                 names,
             ]
         )
+    for part, plane in sketch.symmetry:
+        yield f'[boundary.{part_name(f"symmetry_{plane[0]}_{part}")}]\ntype = "symmetry"\nface = "{part}.{plane}"'
     yield "\n".join(
         [
             "# A shock in the place of this support, with the second [time]:",

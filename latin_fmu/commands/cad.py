@@ -13,6 +13,7 @@ from . import CONVERGED, Quiet, Waiting, output_file
 from .options import Argument, Option, command
 
 if TYPE_CHECKING:
+    from ..cad.cutting import CutPlane
     from ..cad.facts import CadAssembly
     from ..cad.making import MeshJob
 
@@ -25,6 +26,7 @@ examples:
   latin-fmu mesh bracket.step               bracket.msh, and bracket.toml if it is not there
   latin-fmu mesh bracket.step -o joint      joint.msh, joint.toml
   latin-fmu mesh bracket.step --finer 1.5   screws and contacts by smaller edges
+  latin-fmu mesh bracket.step --cut y       the half beyond the middle along y
   latin-fmu mesh housing.brep --unit mm
 """
 
@@ -43,6 +45,10 @@ class MeshOptions:
     finer: Annotated[float, Option("factor by which edges at screws and contacts are smaller", "FACTOR")] = 1.0
     contacts: Annotated[int, Option("unknowns of contacts to aim at, by larger edges there", "N")] = 4000
     max_cpu: Annotated[float, Option("processor time, at most, s", "SECONDS")] = 600.0
+    cut: Annotated[
+        tuple[str, ...],
+        Option("plane of symmetry: half of the model is meshed, that of larger coordinates; may be repeated", "y[=MM]"),
+    ] = ()
     quiet: Quiet = False
 
 
@@ -56,13 +62,13 @@ def mesh(options: MeshOptions) -> int:
     from ..mesh_files.formats import MESHED
 
     file = options.file
-    _check(options)
+    planes = _check(options)
     target = _stem(options.output or Path(file.stem))
     before = read_record(target.with_suffix(".parts.json"))
     draft = target.with_name(f".{target.name}.{os.getpid()}{MESHED}")
     wishes = MeshWishes(options.size, options.finer, options.contacts)
-    parts = tuple(before.parts) if before is not None else ()
-    job = MeshJob(file.absolute(), draft.absolute(), options.unit, wishes, parts)
+    parts = tuple(before.whole or before.parts) if before is not None else ()
+    job = MeshJob(file.absolute(), draft.absolute(), options.unit, wishes, parts, planes)
     try:
         with Waiting(f"meshing {file.name}", quiet=options.quiet):
             assembly = _in_process(job, options.max_cpu)
@@ -132,8 +138,14 @@ def _relative(file: Path, folder: Path) -> str:
         return file.absolute().as_posix()
 
 
-def _check(options: MeshOptions) -> None:
-    """Refuse what is no CAD file, and numbers that are not above zero."""
+def _check(options: MeshOptions) -> list[CutPlane]:
+    """Refuse what is no CAD file, and numbers that are not above zero; the planes of symmetry.
+
+    Raises
+    ------
+    InputError : with all that is wrong.
+    """
+    from ..cad.cutting import cut_plane
     from ..cad.geometry import SUFFIXES
 
     file, numbers = options.file, {name: getattr(options, name) for name in ("size", "finer", "contacts", "max_cpu")}
@@ -147,8 +159,17 @@ def _check(options: MeshOptions) -> None:
     elif file.suffix.lower() not in SUFFIXES:
         remedy = f"of a mesh: latin-fmu scene {file}"
         problems.append(Problem(str(file), "no CAD file", file.suffix or None, ", ".join(SUFFIXES), remedy))
+    planes = []
+    for text in options.cut:
+        try:
+            planes.append(cut_plane(text))
+        except ValueError:
+            problems.append(Problem("--cut", "no plane", text, "x, y or z, or with its coordinate in mm: y=12.5"))
+    if len({plane.axis for plane in planes}) < len(planes):
+        problems.append(Problem("--cut", "two planes across one axis", " ".join(options.cut), "one along each axis"))
     if problems:
         raise InputError(problems, "bad argument")
+    return planes
 
 
 def _stem(output: Path) -> Path:

@@ -125,6 +125,17 @@ def electronics_box() -> dict[str, Entities]:
     return parts
 
 
+def handed() -> dict[str, Entities]:
+    """A clip without a plane of symmetry, its mirror image, and one more of it."""
+
+    def clip(x: float) -> Entities:
+        return together(box((x, 0, 0), (20, 10, 4)), box((x, 0, 0), (5, 10, 15)), box((x, 6, 0), (30, 4, 4)))
+
+    image = clip(0)
+    gmsh.model.occ.mirror(image, 1, 0, 0, 5)  # x = -5
+    return {"clip": clip(0), "clip left": image, "spare clip": clip(130)}
+
+
 def write(file: Path, parts: dict[str, Entities]) -> None:
     """Write parts with their names, which the library leaves out."""
     gmsh.model.occ.synchronize()
@@ -145,6 +156,7 @@ MADE: dict[str, Any] = {
     "renamed": lambda: bracket(name="angle"),
     "gone": bracket_without_pin,
     "flange": flange,
+    "handed": handed,
     "box": electronics_box,
 }
 

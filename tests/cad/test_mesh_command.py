@@ -133,6 +133,70 @@ def test_a_brep_file_needs_a_unit(bracket: Path, capsys: pytest.CaptureFixture[s
     assert latin_fmu.load_scene(bracket / "brep.toml").substructure["part_1"].mesh.scale == 0.0254
 
 
+def test_half_of_a_bracket_has_planes_of_symmetry_and_the_names_of_the_whole(bracket: Path, tmp_path: Path) -> None:
+    file, half = str(bracket / "bracket.step"), tmp_path / "half"
+    assert main(["mesh", file, "-o", str(half), "--cut", "y", "-q"]) == 0
+    whole, record = read_record(bracket / "joint.parts.json"), read_record(half.with_suffix(".parts.json"))
+    assert whole is not None
+    assert record is not None
+    assert {p.name: p.volume for p in record.parts} == pytest.approx({p.name: 0.5 * p.volume for p in whole.parts})
+    scene = latin_fmu.load_scene(half.with_suffix(".toml"))
+    planes = {table.face for table in scene.boundary.values() if table.type == "symmetry"}
+    assert planes == {f"{part.name}.ymin" for part in whole.parts}
+    for part in whole.parts:
+        mesh = read(half.with_suffix(".msh"), part.name)
+        np.testing.assert_allclose(mesh.nodes[face_of(mesh, "ymin").nodes][:, 1], 20.0, atol=1e-6)
+    modes = [latin_fmu.vibration_modes(latin_fmu.load_scene(f), count=1).frequency[0] for f in
+             (half.with_suffix(".toml"), bracket / "joint.toml")]  # fmt: skip
+    # the wall swings in the plane of symmetry; two meshes
+    assert modes[0] == pytest.approx(modes[1], rel=0.05)
+    # names stay when it is read again
+    assert main(["mesh", file, "-o", str(half), "--cut", "y=20", "-q"]) == 0
+    again = read_record(half.with_suffix(".parts.json"))
+    assert again is not None
+    assert [p.name for p in again.parts] == [p.name for p in record.parts]
+
+
+@pytest.mark.parametrize(
+    ("planes", "words"),
+    [
+        (["w"], "no plane (value: w)"),
+        (["y=mm"], "no plane (value: y=mm)"),
+        (["x", "x=2"], "two planes across one axis"),
+        (["y=50"], "the plane is beside the assembly (value: 50); allowed: between 0 and 40 mm"),
+    ],
+)
+def test_what_is_no_plane_of_symmetry_is_refused(
+    bracket: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], planes: list[str], words: str
+) -> None:
+    options = [text for plane in planes for text in ("--cut", plane)]
+    assert main(["mesh", str(bracket / "bracket.step"), "-o", str(tmp_path / "half"), "-q", *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_plane_leaves_out_and_mirror_images_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = make("handed", tmp_path / "handed.step")
+    assert main(["mesh", str(file), "-o", str(tmp_path / "all"), "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "clip_left is the mirror image of clip" in said
+    assert "spare_clip is the mirror" not in said
+    assert main(["mesh", str(file), "-o", str(tmp_path / "half"), "--cut", "x=-5", "--cut", "y", "-q"]) == 0
+    said = capsys.readouterr().out
+    # clip_left is the image of clip across x = -5; nothing is symmetric about the middle along y
+    assert said.count("has no mirror image") == 1
+    assert "spare_clip has no mirror image across x = -5 mm, and stays" in said
+    assert said.count("so that y = 5 mm is no plane of its symmetry") == 2
+    record = read_record(tmp_path / "half.parts.json")
+    assert record is not None
+    assert [p.name for p in record.parts] == ["clip", "spare_clip"]
+    assert main(["mesh", str(file), "-o", str(tmp_path / "far"), "--cut", "x=100", "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "clip has no mirror image across x = 100 mm, and is left out" in said
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "screws"), [("flange", FLANGE_BOLTS), ("box", BOX_SCREWS)])
 def test_all_screws_of_a_flange_and_of_a_box_are_found(tmp_path: Path, name: str, screws: dict[str, str]) -> None:

@@ -191,6 +191,28 @@ def assembly(parts: Sequence[CadPart], names: Sequence[str]) -> CadAssembly:
     return made
 
 
+def test_a_mirror_image_is_of_the_other_hand_wherever_it_is() -> None:
+    places = np.random.default_rng(5).uniform(0.0, 1.0, (40, 3)) ** [1.0, 2.0, 3.0] * [30.0, 20.0, 10.0]
+    one = replace(part(["clip"]), outline=places)
+    turn = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    moved = replace(one, outline=places @ turn.T + [5.0, -80.0, 3.0])
+    image = replace(one, outline=moved.outline * [-1.0, 1.0, 1.0])
+    assert abs(one.handedness) == 1
+    assert (moved.handedness, image.handedness) == (one.handedness, -one.handedness)
+    assert part(["cube"]).handedness == 0
+    # a prism that is its own mirror image, though its ends differ
+    flat = np.concatenate([places, places * [1.0, -1.0, 1.0]])
+    assert replace(one, outline=flat).handedness == 0
+
+
+def test_an_edge_that_winds_around_a_part_is_counted() -> None:
+    """Six turns of a helix about a shank of 6 mm with a head of 10 mm."""
+    shank = replace(bolt("screw"), low=(-5.0, -5.0, -20.0), high=(5.0, 5.0, 0.0))
+    assert replace(shank, longest=6 * np.pi * 6.0).turns == pytest.approx(3.6)
+    assert replace(shank, longest=np.pi * 10.0).turns == pytest.approx(1.0)
+
+
 def test_changes_name_what_came_went_moved_and_was_renamed(tmp_path: Path) -> None:
     parts = [part(("a",)), part(("b",), (20.0, 0, 0)), part(("c",), (40.0, 0, 0)), part(("d",), (60.0, 0, 0))]
     old = assembly(parts, ["a", "b", "c", "d"])
@@ -220,7 +242,8 @@ def test_a_scene_has_what_its_parts_are_made_of_and_a_table_for_each_kind_of_scr
     made.parts[1] = replace(made.parts[1], material="EN AW-6082", colour=(1, 2, 3))
     made.screws = find_screws(made.parts)
     made.ends = {"lower.xmin": 5.0, "lower.ymax": 7.0}
-    text = scene_text(sketch_of(made, "a", "a.msh", 0.02))
+    text = scene_text(sketch_of(made, "a-2.b", "a.msh", 0.02))
+    assert '\nname = "a_2_b"\n' in text
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert '"upper" = "aluminium" # EN AW-6082 in the file, colour 1 2 3' in lines
     assert '"lower" = "steel" # (?)' in lines

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from latin_fmu import scene_from_dict, solve
-from latin_fmu.assembly.body import build_bodies
-from latin_fmu.assembly.threads import BoundaryFacets, with_threads
+from latin_fmu.assembly.body import Body, build_bodies
+from latin_fmu.assembly.threads import BoundaryFacets, Mask, with_threads
 from latin_fmu.building import discretise
 from latin_fmu.errors import Problems, SceneError
 from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, MeanStress, stiffness
-from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.fem.mesh import FacetBlock, FacetSet, box_mesh
 from latin_fmu.scene.reference import reference_schema
 from latin_fmu.scene.threads import tensile_stress_area, thread_named
 from latin_fmu.scene.units import SI
@@ -315,3 +316,35 @@ def test_relative_moduli_scale_stiffness_and_stress() -> None:
     inside = (z > 1e-6) & (z < 0.04 - 1e-6)
     assert np.abs(force[inside]).max() < 1e-9 * 200e6 * 1e-4
     assert force[z > 0.04 - 1e-6, 2].sum() == pytest.approx(200e6 * 1e-4, rel=1e-12)
+
+
+# -- axes of half a shank ---------------------------------------------------------------------------------------------
+def half_shank(turn: Mask) -> BoundaryFacets:
+    """The round half of a shank of 3 x 16 mm, triangles all inclined to one side, along the turned z axis."""
+    across, along = np.meshgrid(np.linspace(0.0, np.pi, 9), np.linspace(0.0, 1.0, 7), indexing="ij")
+    angle = across + 0.8 * along * np.sin(across)
+    places = np.stack([3.0 * np.cos(angle), 3.0 * np.sin(angle), 16.0 * along**1.3], axis=-1).reshape(-1, 3)
+    number = np.arange(63).reshape(9, 7)
+    a, b, c, d = (number[i : i + 8, j : j + 6].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    facets = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    body = SimpleNamespace(
+        mesh=SimpleNamespace(nodes=1e-3 * places @ turn.T + [0.1, -0.2, 0.3]),
+        outside=FacetSet((FacetBlock("triangle", facets),)),
+    )
+    return BoundaryFacets(cast(Body, body))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 25.0, 80.0])
+def test_the_axis_of_half_a_shank_is_that_of_its_cylinder(degrees: float) -> None:
+    """The mean of the normals is off by more than what counts as a global axis; the nodes are on the cylinder."""
+    turn = turned(np.array([0.6, 0.8, 0.0]), degrees)
+    skin = half_shank(turn)
+    weighted = skin.normals * np.sqrt(skin.areas)[:, None]
+    mean = np.linalg.eigh(weighted.T @ weighted)[1][:, 0]
+    assert np.linalg.norm(np.cross(mean, turn[:, 2])) > 3.5e-3
+    line = skin.line(None)
+    assert line is not None
+    assert np.linalg.norm(np.cross(line.axis, turn[:, 2])) < 1e-9
+    # a point of the axis, to what the normals of chords leave of it
+    off = line.arms(np.array([0.1, -0.2, 0.3]))
+    assert np.linalg.norm(off) < 0.05e-3
