@@ -19,6 +19,7 @@ record        what a mesh was made from, and what has changed since
 report        what the command prints
 ============  =================================================================================================
 
-gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, cutting, imprint, meshing, sizes,
-repair and making run in a process of their own (``mesh_files.child``), which has a limit of processor time and may die.
+gmsh has the licence GPL: it is in the extra ``meshes`` alone, and geometry, neighbours, cutting, imprint, meshing,
+sizes, repair and making run in a process of their own (``mesh_files.child``), which has a limit of processor time and
+may die.
 """

@@ -234,7 +234,7 @@ class Mesher:
                     own[f"on_{other}"] = sides[part.name]
             touched = {face for pair in self.contacts.values() for face in pair.get(part.name, ())}
             for name, faces in self._ends(part).items():
-                if not touched.intersection(faces) and (part.name, name) not in self._assembly.symmetry:
+                if not touched.intersection(faces):
                     area = sum(float(model.occ.getMass(2, face)) for face in faces)
                     self._assembly.ends[f"{part.name}.{name}"] = area
             named = {face for faces in own.values() for face in faces}

@@ -100,10 +100,13 @@ def sketch_of(assembly: CadAssembly, name: str, file: str, touch: float) -> Scen
 
 
 def proposed_support(assembly: CadAssembly) -> str | None:
-    """The largest end face of the largest part that nothing touches."""
+    """The largest end face of the largest part that nothing touches, none on a plane of symmetry."""
+    cut = {f"{part}.{face}" for part, face in assembly.symmetry}
     parts: list[CadPart] = sorted(assembly.parts, key=lambda part: (-part.volume, part.name))
     for part in parts:
-        free = {face: area for face, area in assembly.ends.items() if face.startswith(f"{part.name}.")}
+        free = {
+            face: area for face, area in assembly.ends.items() if face.startswith(f"{part.name}.") and face not in cut
+        }
         if free:
             return min(free, key=lambda face: (-round(free[face], 6), face))
     return None

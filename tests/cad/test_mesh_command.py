@@ -155,6 +155,9 @@ def test_half_of_a_bracket_has_planes_of_symmetry_and_the_names_of_the_whole(bra
     again = read_record(half.with_suffix(".parts.json"))
     assert again is not None
     assert [p.name for p in again.parts] == [p.name for p in record.parts]
+    # the whole parts are those that a part is known by
+    assert {p.name: p.volume for p in again.whole} == pytest.approx({p.name: p.volume for p in whole.parts})
+    assert not whole.whole
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from latin_fmu.cad.facts import CadAssembly, CadCylinder, CadPart, merged
 from latin_fmu.cad.labels import named, path_of
 from latin_fmu.cad.record import changes, read_record, record_text
 from latin_fmu.cad.report import report_lines
-from latin_fmu.cad.scene_text import patterns, scene_text, sketch_of
+from latin_fmu.cad.scene_text import patterns, proposed_support, scene_text, sketch_of
 from latin_fmu.cad.screws import find_screws, size_of
 from latin_fmu.cad.step_text import read_step_text
 from latin_fmu.errors import MeshError
@@ -244,6 +244,9 @@ def test_a_scene_has_what_its_parts_are_made_of_and_a_table_for_each_kind_of_scr
     made.ends = {"lower.xmin": 5.0, "lower.ymax": 7.0}
     text = scene_text(sketch_of(made, "a-2.b", "a.msh", 0.02))
     assert '\nname = "a_2_b"\n' in text
+    ends = {"lower.xmin": 50.0, "lower.ymin": 30.0}
+    half = replace(made, ends=ends, symmetry=[("lower", "xmin")])
+    assert [proposed_support(a) for a in (half, replace(half, symmetry=[]))] == ["lower.ymin", "lower.xmin"]
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert '"upper" = "aluminium" # EN AW-6082 in the file, colour 1 2 3' in lines
     assert '"lower" = "steel" # (?)' in lines
