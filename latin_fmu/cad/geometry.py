@@ -21,7 +21,8 @@ SUFFIXES: Final = (".step", ".stp", ".brep", ".iges", ".igs")
 """Suffixes of CAD files."""
 WITHOUT_UNIT: Final = (".brep",)
 _GRID: Final = 5  # places of a face along each of its parameters
-_ALONG: Final = 9  # places of an edge
+ALONG: Final = 17
+"""Places along an edge in the outline of a part."""
 _ROUND: Final = 2e-3  # of the radius: from a cylinder at most
 _LEAST_TURN: Final = 0.03
 
@@ -119,7 +120,7 @@ def _triple(values: Any) -> Triple:
 def _along(gmsh: Any, edge: int) -> Array:
     """Places (n, 3) along an edge."""
     low, high = gmsh.model.getParametrizationBounds(1, edge)
-    return np.array(gmsh.model.getValue(1, edge, np.linspace(low[0], high[0], _ALONG))).reshape(-1, 3)
+    return np.array(gmsh.model.getValue(1, edge, np.linspace(low[0], high[0], ALONG))).reshape(-1, 3)
 
 
 def round_face(gmsh: Any, face: int) -> CadCylinder | None:

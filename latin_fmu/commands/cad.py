@@ -25,6 +25,7 @@ _EXAMPLES = """\
 examples:
   latin-fmu mesh bracket.step               bracket.msh, and bracket.toml if it is not there
   latin-fmu mesh bracket.step -o joint      joint.msh, joint.toml
+  latin-fmu mesh bracket.step --figure screws.png
   latin-fmu mesh bracket.step --finer 1.5   screws and contacts by smaller edges
   latin-fmu mesh bracket.step --cut y       the half beyond the middle along y
   latin-fmu mesh housing.brep --unit mm
@@ -49,6 +50,9 @@ class MeshOptions:
         tuple[str, ...],
         Option("plane of symmetry: half of the model is meshed, that of larger coordinates; may be repeated", "y[=MM]"),
     ] = ()
+    figure: Annotated[Path | None, Option("picture of the screws here: png, pdf or svg", "FILE", read=output_file)] = (
+        None
+    )
     quiet: Quiet = False
 
 
@@ -82,7 +86,14 @@ def mesh(options: MeshOptions) -> int:
         changed = list(changes(before, assembly))
         lines += [f"since it was read before: {len(changed) or 'no'} change{'s' * (len(changed) != 1)}"]
         lines += [f"  {line}" for line in changed]
-    print("\n".join([*lines, *_written(assembly, target, wishes.touch)]))
+    lines += _written(assembly, target, wishes.touch)
+    if options.figure is not None:
+        from ..pictures.screw_picture import screw_figure
+        from ..pictures.style import save_figure
+
+        save_figure(screw_figure(assembly), options.figure)
+        lines.append(f"screws: {options.figure}")
+    print("\n".join(lines))
     return CONVERGED
 
 
@@ -147,6 +158,8 @@ def _check(options: MeshOptions) -> list[CutPlane]:
     """
     from ..cad.cutting import cut_plane
     from ..cad.geometry import SUFFIXES
+    from ..pictures.style import check_figure_path
+    from ..results.writing import check_target
 
     file, numbers = options.file, {name: getattr(options, name) for name in ("size", "finer", "contacts", "max_cpu")}
     problems = [
@@ -169,6 +182,9 @@ def _check(options: MeshOptions) -> list[CutPlane]:
         problems.append(Problem("--cut", "two planes across one axis", " ".join(options.cut), "one along each axis"))
     if problems:
         raise InputError(problems, "bad argument")
+    if options.figure is not None:
+        check_figure_path(options.figure)
+        check_target(options.figure)
     return planes
 
 

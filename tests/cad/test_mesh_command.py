@@ -165,14 +165,15 @@ def test_half_of_a_bracket_has_planes_of_symmetry_and_the_names_of_the_whole(bra
     [
         (["w"], "no plane (value: w)"),
         (["y=mm"], "no plane (value: y=mm)"),
-        (["x", "x=2"], "two planes across one axis"),
+        (["x", "--cut", "x=2"], "two planes across one axis"),
+        (["y", "--figure", "screws.gif"], "figures cannot be saved in this format (value: .gif)"),
         (["y=50"], "the plane is beside the assembly (value: 50); allowed: between 0 and 40 mm"),
     ],
 )
 def test_what_is_no_plane_of_symmetry_is_refused(
     bracket: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], planes: list[str], words: str
 ) -> None:
-    options = [text for plane in planes for text in ("--cut", plane)]
+    options = ["--cut", *planes]
     assert main(["mesh", str(bracket / "bracket.step"), "-o", str(tmp_path / "half"), "-q", *options]) == 2
     assert words in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
 
-from latin_fmu.cad.facts import CadAssembly, CadCylinder, CadPart, merged
+from latin_fmu.cad.facts import CadAssembly, CadCylinder, CadPart, Screw, merged
+from latin_fmu.cad.geometry import ALONG
 from latin_fmu.cad.labels import named, path_of
 from latin_fmu.cad.record import changes, read_record, record_text
 from latin_fmu.cad.report import report_lines
@@ -17,6 +21,8 @@ from latin_fmu.cad.scene_text import patterns, proposed_support, scene_text, ske
 from latin_fmu.cad.screws import find_screws, size_of
 from latin_fmu.cad.step_text import read_step_text
 from latin_fmu.errors import MeshError
+from latin_fmu.pictures.screw_picture import screw_figure
+from latin_fmu.pictures.style import BAD, DISTINCT
 
 
 def part(path: Sequence[str], at: tuple[float, float, float] = (0.0, 0.0, 0.0), size: float = 10.0) -> CadPart:
@@ -211,6 +217,32 @@ def test_an_edge_that_winds_around_a_part_is_counted() -> None:
     shank = replace(bolt("screw"), low=(-5.0, -5.0, -20.0), high=(5.0, 5.0, 0.0))
     assert replace(shank, longest=6 * np.pi * 6.0).turns == pytest.approx(3.6)
     assert replace(shank, longest=np.pi * 10.0).turns == pytest.approx(1.0)
+
+
+def test_screws_are_drawn_in_the_colour_of_their_thread_with_their_names() -> None:
+    """Edges are lines of as many places as the outline has of each; a pin that is not tightened is dashed."""
+    stack = [plate("upper", -10.0, 0.0, 3.3), plate("lower", -20.0, -10.0, 3.3)]
+    made = CadAssembly("a.step", "mm", 1e-3, [bolt("bolt"), *stack, hex_nut("nut", -25.0, 3.0)])
+    made.parts.append(turned("pin", [tube(3.0, -16.0, -4.0, True)]))
+    angles = np.linspace(0.0, 2.0 * np.pi, ALONG)
+    circle = np.stack([3.0 * np.cos(angles), 3.0 * np.sin(angles), np.zeros(ALONG)], axis=1)
+    edges = np.concatenate([circle, circle + np.array([0.0, 0.0, 4.0])])
+    made.parts = [replace(p, outline=edges) for p in made.parts]
+    screw = Screw("bolt", True, "bolt with nut", "", 6.0, "M6", ("nut",), ("upper", "lower"))
+    made.screws = [screw, Screw("pin", False, "pin", "", 6.0)]
+    figure = screw_figure(made)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["1 x M6 in nut", "1 x not used: pin"]
+    for axes in figure.axes:
+        assert [text.get_text() for text in axes.texts] == ["bolt", "pin"]
+        lines = cast(list[LineCollection], list(axes.collections))
+        assert [len(drawn.get_segments()) for drawn in lines] == [2] * 5
+        # the screws come last, over the others
+        colours = [to_hex(drawn.get_colors()[0]) for drawn in lines]  # type: ignore[index]
+        assert colours == [to_hex("0.78")] * 3 + [DISTINCT[0].lower(), BAD.lower()]
+    # along z a circle is a circle
+    (x, y) = np.array(figure.axes[1].collections[0].get_segments()[0]).T  # type: ignore[attr-defined]
+    np.testing.assert_allclose(np.hypot(x, y), 3.0, rtol=1e-12)
 
 
 def test_changes_name_what_came_went_moved_and_was_renamed(tmp_path: Path) -> None:
