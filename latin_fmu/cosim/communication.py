@@ -178,6 +178,9 @@ class CommunicationRun:
             raise _solved_by_python(self.run)
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})
+        for g, group in enumerate(self.run.assembly.layout.groups):
+            if self.image.groups[g]["tunable"]:
+                self.image.group_field(g, "tuned", *group.parameters.shape)[:] = group.parameters
         self.steps = self.image.rows - 1
         self.image.write()
         self.products = settled(self.image.classes, _fixed(self.image))

@@ -133,19 +133,27 @@ class Engine:
         return [text for status, text in self._messages if status == WARNING]
 
     # -- steps ----------------------------------------------------------------------------------------------------
-    def initialize(self, start: float, inputs: Array, histories: Mapping[int, tuple[Array, Array]]) -> None:
+    def initialize(
+        self,
+        start: float,
+        inputs: Array,
+        histories: Mapping[int, tuple[Array, Array]],
+        parameters: Mapping[int, float],
+    ) -> None:
         """Begin a simulation, from whatever state.
 
         Parameters
         ----------
         start : time of the simulation, s. inputs : (n_input, 2) value and rate of the inputs. histories : times and
-            amplitudes by number of an input, for prescribed mode, which solves the interval here.
+            amplitudes by number of an input, for prescribed mode, which solves the interval here. parameters : values
+            by reference of those that are not at their start values.
 
         Raises
         ------
         InputError : inputs or choices that cannot be. SolverError : no convergence.
         """
         self._call("renew")
+        self.set(parameters)
         for i, (times, values) in histories.items():
             t, a = (np.ascontiguousarray(part, dtype=float) for part in (times, values))
             self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a))))
@@ -156,6 +164,26 @@ class Engine:
             raise InputError([Problem("session", self._message())], "the session cannot start")
         self._done(status)
         self.row = row
+
+    def set(self, parameters: Mapping[int, float]) -> None:
+        """Set parameters by reference.
+
+        Raises
+        ------
+        InputError : a value that cannot be, or a parameter that cannot be set now; none is set.
+        """
+        n = len(parameters)
+        references, values = (c_uint32 * n)(*parameters), (c_double * n)(*parameters.values())
+        if n and self._of_fmi("SetFloat64", references, c_size_t(n), values, c_size_t(n)) > WARNING:
+            raise InputError([Problem("session", self._message())], _CANNOT)
+
+    def get(self, references: Sequence[int]) -> dict[int, float]:
+        """Values of variables by reference."""
+        n = len(references)
+        values = (c_double * n)()
+        if n:
+            self._done(self._of_fmi("GetFloat64", (c_uint32 * n)(*references), c_size_t(n), values, c_size_t(n)))
+        return dict(zip(references, values, strict=True))
 
     def _done(self, status: int) -> None:
         if status > WARNING:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..errors import SolverError
+from ..errors import InputError, Problem, SolverError
 from ..kernels import inputs
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
@@ -54,6 +54,47 @@ class SceneEngine:
         self.engine: Engine | None = None
         self._record: Record | None = None
         self._last_histories: dict[str, InterfaceHistory] = {}
+        self._tunable = {v.name: i for i, v in enumerate(self._table) if v.variability == "tunable"}
+        self._tuned: dict[int, float] = {}
+
+    # -- parameters -------------------------------------------------------------------------------------------------
+    def tune(self, name: str, value: float) -> None:
+        """Set a tunable parameter for the next step.
+
+        Raises
+        ------
+        InputError : no such parameter, a value that cannot be; histories are kept, which have the numbers of the scene.
+        """
+        problem = None
+        if name not in self._tunable:
+            problem = Problem(name, "no tunable parameter of this name", None, ", ".join(self._tunable) or "none")
+        elif not 0.0 <= value < float("inf"):
+            problem = Problem(name, "not a finite number, 0 or more", f"{value:g}")
+        elif self._settings.keep or self._settings.prescribed:
+            what = "the steps are kept with the numbers of the scene"
+            problem = Problem(name, what, remedy="a session without Settings(keep=True), in windowed mode")
+        if problem is not None:
+            raise InputError([problem], "the parameter cannot be set")
+        if self.engine is not None and self.engine.phase == STEP:
+            self.engine.set({self._tunable[name]: value})
+        self._tuned[self._tunable[name]] = value
+
+    def tuned(self, name: str) -> float:
+        """Value of a tunable parameter.
+
+        Raises
+        ------
+        InputError : no such parameter.
+        """
+        if name not in self._tunable:
+            allowed = ", ".join(self._tunable) or "none"
+            raise InputError([Problem(name, "no tunable parameter of this name", None, allowed)], "no such parameter")
+        reference = self._tunable[name]
+        return self._tuned.get(reference, float(self._table[reference].start or 0.0))
+
+    def untune(self) -> None:
+        """Return the tunable parameters to the numbers of the scene."""
+        self._tuned = {}
 
     @property
     def run(self) -> CommunicationRun | None:
@@ -130,7 +171,7 @@ class SceneEngine:
         histories, names = dict[int, tuple[Array, Array]](), self.run.sources.inputs
         if self._settings.prescribed:
             histories = {names.index(name): history for name, history in loads.histories.items()}
-        engine.initialize(t0, loads.table, histories)
+        engine.initialize(t0, loads.table, histories, self._tuned)
 
     def begin_step(self) -> None:
         """Before a communication step that is recorded."""
@@ -159,7 +200,16 @@ class SceneEngine:
             engine = self.engine
             engine.restore(state)
         loads.take(now, first, engine.histories())
+        self._tuned = engine.get(list(self._tunable.values()))
         return engine
+
+    def snapshot(self, loads: GivenLoads, started: bool) -> bytes:
+        """The state of the engine, of a simulation that has not ``started`` that before its start."""
+        engine = self.engine
+        if engine is None or not started:
+            engine = self.ready(loads.starts())
+            engine.set(self._tuned)
+        return engine.snapshot(loads.table)
 
     def _notify(self, what: int, steps: int, n: int, whole: int) -> None:
         """Called by the engine before (ABOUT_TO) and after it has called the kernels."""

@@ -76,11 +76,13 @@ class Session:
         self.reset()
 
     def reset(self) -> None:
-        """Return to before ``initialize``: loads at their start values, no histories. Operators are kept."""
+        """Return to before ``initialize``: loads and parameters at their start values, no histories. Operators are
+        kept."""
         self.time = 0.0
         self._t0 = 0.0
         self.started = False
         self._loads.reset()
+        self._solver.untune()
         self.row: Array = np.zeros(len(self.outputs))
         self.step_history.clear()
 
@@ -108,6 +110,22 @@ class Session:
         increase.
         """
         self._loads.set_history(name, times, values)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that may change between steps: ``interface.NAME.friction_coefficient``."""
+        return tuple(v.name for v in self.table if v.variability == "tunable")
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """Set a parameter from the next step on; the equilibrium at the start stays that of the scene.
+
+        Raises InputError for another name, a value below 0 or not finite, and where steps are kept.
+        """
+        self._solver.tune(name, float(value))
+
+    def parameter(self, name: str) -> float:
+        """Value of a parameter that may change between steps. Raises InputError for another name."""
+        return self._solver.tuned(name)
 
     # -- run ------------------------------------------------------------------------------------------------------
     def initialize(self, t0: float = 0.0) -> None:
@@ -238,11 +256,8 @@ class Session:
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
         with computable():
-            engine = self._solver.engine
-            if not self.started:
-                engine = self._solver.ready(self._loads.starts())
-        assert engine is not None
-        return _MAGIC + self.step_history.identity.encode().ljust(32) + engine.snapshot(self._loads.table)
+            state = self._solver.snapshot(self._loads, self.started)
+        return _MAGIC + self.step_history.identity.encode().ljust(32) + state
 
     def restore(self, blob: bytes, check: bool = True) -> None:
         """Restore a snapshot of this or another session of the same scene and settings; ``check`` has no effect: what

@@ -6,7 +6,7 @@ words of 8 bytes   content (numbers little-endian; places count words from the s
 0                  ``LATINVAR``
 1 to ``HEADER``    ``HEADER`` in its order: checksum of all that follows, length, token, checksum of the image, ...
 then               a row of words for each variable, of 4 for each input, of 3 for each whole number of the state,
-                   of 4 for each part of a record of the results file (``RecordPart``), of 4 for each point at which
+                   of 4 for each part of a record of the results file (``RecordPart``), of 5 for each point at which
                    a rigid body is pressed at the start (``_pressed_points``)
 then               texts, each with a zero behind it; rows refer to them by bytes from their start
 =================  ================================================================================================
@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from ..latin.initial_conditions import closed_points
+from ..latin.run_image import friction_column
 from ..scene.schema import Scene
 from .communication import CommunicationRun
 from .input_table import acting_of, inputs_of
@@ -62,7 +63,7 @@ HEADER: Final = (
 _KINDS: Final = ("real", "integer", "string", "count")
 _ROLES: Final = (
     *("time", "constant", "parameter", "value", "rate", "output", "text", "history_time", "history"),
-    *("window_count", "window_time", "window", "points", "vector"),
+    *("window_count", "window_time", "window", "points", "vector", "tunable"),
 )
 _NAMED: Final = {
     "mode": "mode",
@@ -92,6 +93,8 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
         return "constant", 0, 0
     if variable.kind == "string":
         return "text", 0, 0
+    if variable.variability == "tunable":
+        return "tunable", 0, 0
     if variable.causality == "input":
         of, what = input_of(name)
         return what, inputs.index(of), 0
@@ -194,8 +197,9 @@ def table_file(table: Sequence[Variable], scene: Scene, run: CommunicationRun, i
     inputs, places = list(inputs_of(scene)), output_places(table, run)
     words: list[int | float] = [0] * len(HEADER)
     begins = dict.fromkeys(HEADER, 0) | {"variables": len(words)}
+    tuned = _tuned_places(run)
     for variable in table:
-        words += _row(variable, _role(variable, places, inputs), texts, references)
+        words += _row(variable, _role(variable, places, inputs), texts, references, tuned.get(variable.name))
     begins["inputs"] = len(words)
     for name in inputs:
         value, rate = (input_variable(name, what) for what in ("value", "rate"))
@@ -207,7 +211,9 @@ def table_file(table: Sequence[Variable], scene: Scene, run: CommunicationRun, i
     words += [number for part in identity.record for number in part.row()]
     begins["pressed"] = len(words)
     pressed = list(_pressed_points(run))
-    words += [number for place, size, mu, name in pressed for number in (place, size, mu, texts.place(name))]
+    words += [
+        number for place, size, mu, at, name in pressed for number in (place, size, mu, texts.place(name), at)
+    ]
     begins |= {
         "n_variable": len(table),
         "n_input": len(inputs),
@@ -235,7 +241,10 @@ def _word(number: int | float) -> bytes:
     return struct.pack("<Q", number % 2**64)  # below 0: two's complement
 
 
-def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str, int]) -> list[int | float]:
+def _row(
+    variable: Variable, role: Role, texts: _Texts, references: Mapping[str, int], tuned: tuple[int, int, int] | None
+) -> list[int | float]:
+    """Words of a variable; ``tuned`` : of one that is tunable, place, number of points and numbers between them."""
     # below 0: the size is the value of a variable
     sizes = [size if isinstance(size, int) else -1 - references[size] for size in variable.dimensions]
     # words of other bits: the place of a text is a whole number
@@ -247,8 +256,27 @@ def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str,
     kind = _ROLES.index(role[0])
     place = role[1]
     width = role[2]
-    about = [texts.place(variable.name), _KINDS.index(variable.kind), kind, place, width, len(sizes)]
+    count = len(sizes)
+    if tuned is not None:
+        place, width, *sizes = tuned
+    about = [texts.place(variable.name), _KINDS.index(variable.kind), kind, place, width, count]
     return [*about, *sizes, *[0] * (3 - len(sizes)), start]
+
+
+def _tuned_places(run: CommunicationRun) -> dict[str, tuple[int, int, int]]:
+    """Places of the coefficients of friction in the moving block, by variable: the first, points, numbers from point to
+    point."""
+    assembly, found = run.run.assembly, dict[str, tuple[int, int, int]]()
+    for g, group in enumerate(assembly.layout.groups):
+        column, row = friction_column(group), run.image.groups[g]
+        if column is None or not row["tunable"]:
+            continue
+        stride = group.parameters.shape[1]
+        for i, span in group.members.items():
+            first = int(row["tuned"]) + span.start * stride + column
+            name = f"interface.{assembly.interfaces[i].name}.friction_coefficient"
+            found[name] = first, span.stop - span.start, stride
+    return found
 
 
 def _whole_numbers(run: CommunicationRun, endless: bool) -> Iterator[tuple[int, float, float]]:
@@ -268,9 +296,9 @@ def _whole_numbers(run: CommunicationRun, endless: bool) -> Iterator[tuple[int, 
             yield int(row["turn"]), 0.0, 2.0
 
 
-def _pressed_points(run: CommunicationRun) -> Iterator[tuple[int, int, float, str]]:
+def _pressed_points(run: CommunicationRun) -> Iterator[tuple[int, int, float, int, str]]:
     """Points at which a rigid body is pressed at the start: place of their traction, number of its components,
-    coefficient of friction, interface. The initial state is a linear function of the inputs while none slides or lifts.
+    coefficient of friction, its place where it is tunable, else -1, interface. The initial state is a linear function of the inputs while none slides or lifts.
     """
     assembly, at = run.run.assembly, int(run.image.run[0]["f_hat"])
     for g, point in sorted(closed_points(assembly)):
@@ -280,7 +308,11 @@ def _pressed_points(run: CommunicationRun) -> Iterator[tuple[int, int, float, st
             name = next(
                 assembly.interfaces[i].name for i, span in group.members.items() if span.start <= point < span.stop
             )
-            yield at + channel, size, float(group.parameters[point, 0]) if size > 1 else 0.0, name
+            row, column = run.image.groups[g], friction_column(group)
+            tuned = -1
+            if column is not None and row["tunable"]:
+                tuned = int(row["tuned"]) + point * group.parameters.shape[1] + column
+            yield at + channel, size, float(group.parameters[point, 0]) if size > 1 else 0.0, tuned, name
 
 
 def checksum(content: bytes) -> int:

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 
 Kind = Literal["real", "integer", "string", "count"]
 Causality = Literal["independent", "structuralParameter", "parameter", "input", "output", "local"]
-Variability = Literal["constant", "fixed", "discrete", "continuous"]
+Variability = Literal["constant", "fixed", "tunable", "discrete", "continuous"]
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
         Variable("time", "independent", "continuous", "real", "time since the start of the scene", "s"),
         *_parameters(scene),
     ]
+    rows += tunables_of(scene)
     for source in inputs:
         rows += source.variables()
     rows += _impedances(scene)
@@ -87,6 +88,22 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
         else:
             words, unit = f"{name} of the scene, {unit or 'without unit'}", None
         yield parameter(name, "real", number_at(tables, name) or 0.0, words, unit=unit)
+
+
+def tunables_of(scene: Scene) -> Iterator[Variable]:
+    """Coefficients of friction, which the local stage alone knows: a host may change them between communication steps.
+
+    None where such a number is among ``fmu.parameters``: it is one of the scene then, which is set before the start.
+    """
+    if any(name.endswith("friction_coefficient") for name in scene.fmu.parameters):
+        return
+    for name, interface in scene.joints.items():
+        if interface.behaves_open and interface.friction_coefficient > 0.0:
+            about = f"coefficient of friction of interface {name}, from the next step on; the start has that of the scene"
+            start = float(interface.friction_coefficient)
+            yield Variable(
+                f"interface.{name}.friction_coefficient", "parameter", "tunable", "real", about, "1", start, minimum=0.0
+            )
 
 
 def _impedances(scene: Scene) -> Iterator[Variable]:

@@ -145,15 +145,27 @@ def point_state(pools: Any, g: int, p: int, z_sum: int) -> PointState:
     run = pools.run[0]
     work = pools.moving
     h = group.n_component
-    n_parameter = group.n_parameter
     width = h if group.elastic == 1 else 1
     return PointState(
         work[group.jump + p * h : group.jump + (p + 1) * h],
         pools.fixed[z_sum + 2 * p : z_sum + 2 * p + 2],
         work[group.reach + p * width : group.reach + (p + 1) * width],
         run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
-        pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
+        parameters_at(pools, g, p),
     )
+
+
+@kernel
+def parameters_at(pools: Any, g: int, p: int) -> Array:
+    """Parameters of the law of a group at its point p."""
+    group = pools.groups[g]
+    n = group.n_parameter
+    parameters: Array
+    if group.tunable == 1:
+        parameters = pools.moving[group.tuned + p * n : group.tuned + (p + 1) * n]
+    else:
+        parameters = pools.fixed[group.parameters + p * n : group.parameters + (p + 1) * n]
+    return parameters
 
 
 @kernel

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from ..laws.dispatch import contact_status
 from .energy_parts import ELASTIC, KINETIC, N_TERM, TERMS
+from .local_stage import parameters_at
 from .matrices import add_matrix
 
 Array = NDArray[np.float64]
@@ -240,10 +241,9 @@ def gather_fields(pools: Any, row: int) -> None:
 def status_at(pools: Any, row: int, g: int, p: int) -> int:
     """Contact state of a point of a group at the instant of a row."""
     run, group = pools.run[0], pools.groups[g]
-    h, n_parameter = group.n_component, group.n_parameter
-    at, place = run.history_f + row * run.n_flat + group.start + p * h, group.parameters + p * n_parameter
-    traction, parameters = pools.moving[at : at + h], pools.fixed[place : place + n_parameter]
-    return int(contact_status(group.law, traction, parameters, run.no_contact))
+    h = group.n_component
+    at = run.history_f + row * run.n_flat + group.start + p * h
+    return int(contact_status(group.law, pools.moving[at : at + h], parameters_at(pools, g, p), run.no_contact))
 
 
 # -- contact events (``cosim.output_table``) ------------------------------------------------------------------------

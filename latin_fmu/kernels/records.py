@@ -268,6 +268,8 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("n_parameter", "parameters per point"),
     ("first_point", "number of its first point among those of all groups"),
     ("parameters", "constants (p, n_parameter)"),
+    ("tunable", "1 where a host may change the coefficient of friction between communication steps"),
+    ("tuned", "work (p, n_parameter) if tunable: parameters in the place of the constants"),
     ("initial_gap", "constants (p,): gap along N at t = 0, m"),
     ("z_sum", "direction (p, 2): 1/k of both sides, normal and tangential, m3 N-1 s-1"),
     ("newton_z_sum", "direction (p, 2): the same in a Newton step"),

@@ -115,7 +115,7 @@ def make_image(
         **({} if part is None else part.fields()),
         **more,
     }
-    groups = [_group_fields(group, assembly) for group in layout.groups]
+    groups = [_group_fields(group, assembly, bool(more.get("n_output"))) for group in layout.groups]
     if more.get("linear"):
         # derivatives have tangents in the place of laws, and nothing to make up
         groups = [{**group, "law": -1, "keeps_normal": 0, "keeps_tangential": 0} for group in groups]
@@ -136,8 +136,8 @@ def make_image(
     )
 
 
-def _group_fields(group: Group, assembly: Assembly) -> dict[str, Any]:
-    """Fields of the record of a group."""
+def _group_fields(group: Group, assembly: Assembly, exchanged: bool) -> dict[str, Any]:
+    """Fields of the record of a group; ``exchanged`` : of a run for co-simulation."""
     static, relaxing = assembly.quasi_static, {}
     if isinstance(group.behaviour, MaxwellJoint):
         times = group.parameters[:, 2]
@@ -155,8 +155,15 @@ def _group_fields(group: Group, assembly: Assembly) -> dict[str, Any]:
         "n_component": group.n_component,
         "n_parameter": group.parameters.shape[1],
         "parameters": group.parameters.astype(float),
+        "tunable": int(exchanged and friction_column(group) is not None),
         "initial_gap": group.gap,
     }
+
+
+def friction_column(group: Group) -> int | None:
+    """Column of Coulomb's coefficient among the parameters of a group; None where it has none, or no kernel."""
+    rubs = getattr(group.behaviour, "tangential", "") == "friction_coefficient" and group.n_component > 1
+    return 0 if rubs and law_of(group.behaviour) >= 0 else None
 
 
 def negligible_scales(image: Image, direction: Direction, tolerance: float) -> Array:

@@ -233,6 +233,15 @@ static int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t who
     return result;
 }
 
+/* What the host has set of the laws of the interfaces, at each of their points. */
+static void give_tunables(struct Object *o)
+{
+    const Word *table = o->image->run_table, *v = table + table[T_VARIABLES].i;
+    for (int64_t r = 0; r < table[T_N_VARIABLE].i; r++, v += V_ROW)
+        if (v[V_ROLE].i == TUNABLE)
+            for (int64_t p = 0; p < v[V_WIDTH].i; p++) o->moving[v[V_PLACE].i + p * v[V_DIMENSION].i] = o->numbers[r];
+}
+
 static void give_inputs(struct Object *o)
 {
     for (int64_t i = 0; i < o->image->table[T_N_INPUT].i; i++) {
@@ -240,6 +249,7 @@ static void give_inputs(struct Object *o)
         o->moving[o->image->head[M_RATE].i + i] = o->given[2 * i + 1];
         if (o->given[2 * i] != 0.0 || o->given[2 * i + 1] != 0.0) o->acted = 1;
     }
+    give_tunables(o);
 }
 
 int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
@@ -369,9 +379,10 @@ static int stands(const Instance *c)
             largest = fmax(largest, fabs(c->fmu->moving[points[i + P_PLACE].i + k]));
     for (int64_t i = 0; i < P_ROW * n; i += P_ROW) {
         const double *f = c->fmu->moving + points[i + P_PLACE].i;
-        double shear = points[i + P_SIZE].i > 1 ? hypot(f[1], f[2]) : 0.0;
-        if (-f[0] >= -EXACT * largest && shear <= -points[i + P_FRICTION].d * f[0] + EXACT * largest) continue;
-        msg(c, ERROR, "the inputs make a rigid body slide or lift off immediately at interface %s, for which the initial state "
+        double shear = points[i + P_SIZE].i > 1 ? hypot(f[1], f[2]) : 0.0, friction = points[i + P_FRICTION].d;
+        if (points[i + P_TUNED].i >= 0) friction = c->fmu->moving[points[i + P_TUNED].i];
+        if (-f[0] >= -EXACT * largest && shear <= -friction * f[0] + EXACT * largest) continue;
+        msg(c, ERROR, "inputs or friction make a rigid body slide or lift off immediately at interface %s, for which the initial state "
             "was not computed: start with smaller inputs, or use an FMU exported with --python",
             (const char *)(table + table[T_TEXTS].i) + points[i + P_NAME].i);
         return 0;
@@ -433,6 +444,7 @@ int solve_histories(Instance *c)
         if (value[i] != 0.0) o->acted = 1;
         o->moving[o->image->head[M_RATE].i + i] = 0.0;
     }
+    give_tunables(o);
     int status = present(c, PATH, n);
     if (status == OK && !room_for(o, n + 1, arrays * (n + 1), size_of_fields(c)))
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);

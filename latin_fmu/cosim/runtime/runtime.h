@@ -31,14 +31,16 @@ enum { W_PLACE, W_LEAST, W_MOST, W_ROW };
    they are whole numbers of 4 bytes. */
 enum { R_KIND, R_PLACE, R_COUNT, R_WHOLE, R_ROW };
 enum { R_TIME, R_OUTPUT, R_FIELD };
-/* A point at which a rigid body is pressed at the start: place of its traction, components, friction, name of the interface. */
-enum { P_PLACE, P_SIZE, P_FRICTION, P_NAME, P_ROW };
+/* A point at which a rigid body is pressed at the start: place of its traction, components, friction, name of the interface,
+   place of the friction where it is tunable, else -1. */
+enum { P_PLACE, P_SIZE, P_FRICTION, P_NAME, P_TUNED, P_ROW };
 enum { V_NAME, V_KIND, V_ROLE, V_PLACE, V_WIDTH, V_N_DIMENSION, V_DIMENSION, V_START = V_DIMENSION + 3, V_ROW };
 enum { REAL, INTEGER, STRING, COUNT };
 enum {
     TIME, CONSTANT, PARAMETER, VALUE, RATE, OUTPUT, TEXT, HISTORY_TIME, HISTORY, WINDOW_COUNT, WINDOW_TIME, WINDOW,
-    POINT_FIELD, VECTOR
+    POINT_FIELD, VECTOR, TUNABLE
 };
+/* Of a TUNABLE: V_PLACE in the moving block of the first of V_WIDTH points, V_DIMENSION numbers from one to the next. */
 /* Name in a table of histories, names of value and rate, reference of the value. */
 enum { IN_NAME, IN_VALUE, IN_RATE, IN_REFERENCE, IN_ROW };
 enum { WINDOWED, PRESCRIBED };

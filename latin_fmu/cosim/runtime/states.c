@@ -153,6 +153,8 @@ static int same_solution(const Instance *c, const struct Object *a, const struct
     int64_t n_input = table_of(c)[T_N_INPUT].i, end = table_of(c)[T_END].i, mode = table_of(c)[T_MODE].i;
     if (a->n_row < 2 || a->numbers[mode] != PRESCRIBED || a->numbers[end] != b->numbers[end]) return 0;
     if (memcmp(a->first, b->first, 16 * (size_t)n_input) != 0) return 0;
+    for (int64_t r = 0; r < table_of(c)[T_N_VARIABLE].i; r++)
+        if (variable(c, r)[V_ROLE].i == TUNABLE && a->numbers[r] != b->numbers[r]) return 0;
     for (int64_t i = 0; i < n_input; i++)
         if (a->histories[i].n != b->histories[i].n ||
             (a->histories[i].n && memcmp(a->histories[i].t, b->histories[i].t, 16 * (size_t)a->histories[i].n) != 0))
@@ -278,7 +280,8 @@ static const char *wrong_number(const Instance *c, const Word *words)
         const Word *v = variable(c, r);
         double value = at[r].d;
         if (!isfinite(value) || ((v[V_KIND].i == INTEGER || v[V_KIND].i == COUNT) && value != rint(value)) ||
-            (v[V_KIND].i == COUNT && !(value >= 1.0 && value <= 1e5)) || (v[V_ROLE].i == CONSTANT && value != v[V_START].d))
+            (v[V_KIND].i == COUNT && !(value >= 1.0 && value <= 1e5)) || (v[V_ROLE].i == CONSTANT && value != v[V_START].d) ||
+            (v[V_ROLE].i == TUNABLE && value < 0.0))
             return "a parameter in it cannot be";
     }
     int64_t size = table[T_HISTORY_SIZE].i, mode = table[T_MODE].i, rule = table[T_RULE].i;

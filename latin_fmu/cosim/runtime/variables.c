@@ -203,6 +203,13 @@ static int refused(const Instance *c, int64_t reference, double value)
     if (role == CONSTANT)
         return msg(c, ERROR, "%s = %g was not set: it is fixed at %g when a compiled FMU is exported; export another one from a "
                    "scene with this value", own, value, v[V_START].d);
+    if (role == TUNABLE) {
+        if (!(value >= 0.0 && isfinite(value)))
+            return msg(c, ERROR, "%s = %g was not set: must be a finite number, 0 or more", own, value);
+        if (c->phase >= EVENT && parameter(c, T_MODE, 0.0) == PRESCRIBED)
+            return msg(c, ERROR, "%s was not set: in prescribed mode the whole interval was solved before", own);
+        return OK;
+    }
     if (role != PARAMETER && role != TEXT && role != HISTORY && role != HISTORY_TIME)
         return msg(c, ERROR, "%s is calculated and was not set", own);
     if (c->phase >= EVENT) return msg(c, ERROR, "%s is fixed after initialization and was not set", own);
@@ -230,7 +237,7 @@ static void set_number(Instance *c, int64_t reference, double value)
     const Word *v = variable(c, reference);
     int64_t place = v[V_PLACE].i, role = v[V_ROLE].i;
     if (role == VALUE || role == RATE) o->given[2 * place + (role == RATE)] = value;
-    if (role != PARAMETER) return;
+    if (role != PARAMETER && role != TUNABLE) return;
     o->numbers[reference] = value;
     if (reference == table_of(c)[T_HISTORY_SIZE].i && (int64_t)value != o->n_array) { /* arrays are given anew */
         for (int64_t i = 0; i <= table_of(c)[T_N_INPUT].i; i++) {
