@@ -98,6 +98,7 @@ DECKS = {
     + HELD
     + static("*TEMPERATURE\nNALL, 120.\n" + EVERYTHING),
     "incompatible modes": one_block(BAR, "C3D8I") + STEEL + HELD + static(PULL + EVERYTHING),
+    "C3D8R": one_block(BAR, "C3D8R") + STEEL + HELD + static(PULL + EVERYTHING),
     "axes of a transformation": one_block(BAR)
     + STEEL
     + "*TRANSFORM, NSET=TOP\n1., 1., 0., -1., 1., 0.\n"
