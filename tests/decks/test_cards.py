@@ -341,3 +341,19 @@ def test_a_file_that_is_no_deck_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mesh.inp").write_text("not a deck\n")
     with pytest.raises(InputError):
         import_deck(tmp_path / "mesh.inp")
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        "*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nHIGHDOWN, LOWUP\n",
+        "*CHANGE FRICTION, INTERACTION=JOINT\n*FRICTION\n0.3, 1e5\n",
+    ],
+)
+def test_contact_that_changes_is_refused_with_a_remedy(cards: str, tmp_path: Path) -> None:
+    load = "*CLOAD\nTOP, 3, -1.\n"
+    deck = two_blocks() + STEEL + contact() + HELD + static(load) + static(cards)
+    said = refusal(deck, tmp_path)
+    line = deck.splitlines().index(cards.splitlines()[0]) + 1
+    assert f"line {line}: {cards.split(',')[0]}: contact that changes from step to step" in said
+    assert said.count("write a deck for each state of the contact") == cards.count("*")
