@@ -166,6 +166,12 @@ def test_run_writes_the_file_beside_the_results(
     assert not Path("still.dat").exists()
 
 
+def test_a_deck_that_is_not_there_is_said_to_be_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    """--units is for decks alone; of a name without a file nothing says what it is."""
+    assert main(["run", "nowhere.inp", "--units", "m"]) == 2
+    assert "nowhere.inp: no such file" in capsys.readouterr().err
+
+
 def test_numbers_are_those_of_fortran() -> None:
     """Rounding up to the next power of ten, zeros, signs; a file that is read and written again stays the same."""
     assert fortran(0.99999999) == " 0.1000000E+01"
