@@ -295,6 +295,9 @@ def row_of(file: Path, options: Namespace) -> Row:
     return replace(row, cpu_ccx=cpu if code == 0 else None, theirs=theirs)
 
 
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "CCX_NPROC_STIFFNESS": "1", "CCX_NPROC_RESULTS": "1"}
+
+
 def limited(command: Sequence[str], folder: Path, limit: float) -> tuple[int, str, float]:
     """Exit code, output and CPU seconds of a command with a limit of CPU seconds, on one thread."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -306,7 +309,8 @@ def limited(command: Sequence[str], folder: Path, limit: float) -> tuple[int, st
         text=True,
         errors="replace",
         check=False,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "CCX_NPROC_STIFFNESS": "1", "CCX_NPROC_RESULTS": "1"},
+        # modules compiled once, as they are where the package is installed
+        env=os.environ | ONE_THREAD | {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "pycache")},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (top, top)),
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

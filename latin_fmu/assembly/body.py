@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -29,7 +29,7 @@ from ..fem.elements import (
 )
 from ..fem.faces import Face, Surface, face_of, nodal_values
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
-from ..fem.reference_cells import REDUCED_CELLS
+from ..fem.reference_cells import REDUCED_CELLS, UNIFORM_CELLS
 from ..latin.assembly import InterfaceUnit, Layout
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
@@ -541,6 +541,30 @@ def _file_lines(files: _MeshFiles, scene: Scene, bodies: Mapping[str, Body]) -> 
         yield text
 
 
+_KEYS_OF_CELLS: Final = (
+    ("bending_modes", BENDING_CELLS, "the mesh has no 8-node hexahedra"),
+    ("reduced_integration", REDUCED_CELLS, "the mesh has no 20-node hexahedra and no 6-node wedges"),
+    ("uniform_strain", UNIFORM_CELLS, "the mesh has no 8-node hexahedra"),
+)
+"""Keys of a substructure that cells of some types alone have, and what is missing where there are none."""
+
+
+def _with_rules(name: str, mesh: Mesh, description: Substructure, problems: Problems) -> Mesh:
+    """The mesh with the rules of its cells that the keys of a substructure name."""
+    where = f"substructure.{name}"
+    if description.bending_modes and description.uniform_strain:
+        what = "elements with bending modes are integrated at eight points"
+        problems.add(f"{where}.uniform_strain", what, "true", remedy="omit one of the two keys")
+    for key, types, missing in _KEYS_OF_CELLS:
+        if not getattr(description, key):
+            continue
+        if not set(types) & set(mesh.cell_types):
+            problems.add(f"{where}.{key}", missing, ", ".join(mesh.cell_types), remedy="omit the key")
+        if key != "bending_modes":
+            mesh = mesh.with_reduced_rules(types)
+    return mesh
+
+
 def build_bodies(
     scene: Scene,
     problems: Problems,
@@ -575,30 +599,19 @@ def build_bodies(
             bodies[name] = old.described(description, shapes[key], scene.unit_system)
         elif description.box is not None:
             box = description.box
-            key = (box.size, box.elements, material, description.bending_modes)
+            key = (box.size, box.elements, material, description.bending_modes, description.uniform_strain)
             placed = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
+            placed = _with_rules(name, placed, description, problems)
             if key not in shapes:
                 # at the origin: equal boxes at other places share matrices to the last bit
                 unit = box_mesh(np.zeros(3), np.asarray(box.size), box.elements)
-                shapes[key] = Shape(unit, material, description.bending_modes)
+                shapes[key] = Shape(replace(unit, blocks=placed.blocks), material, description.bending_modes)
             bodies[name] = Body(name, placed, shapes[key], description, units=scene.unit_system)
         elif description.mesh is not None:
             mesh = files.mesh(name, description.mesh, scene.base_dir, problems)
             if mesh is None:
                 continue
-            if description.bending_modes and not set(BENDING_CELLS) & set(mesh.cell_types):
-                problems.add(
-                    f"substructure.{name}.bending_modes",
-                    "the mesh has no 8-node hexahedra",
-                    ", ".join(mesh.cell_types),
-                    remedy="omit the key",
-                )
-            if description.reduced_integration:
-                if not set(REDUCED_CELLS) & set(mesh.cell_types):
-                    what = "the mesh has no 20-node hexahedra and no 6-node wedges"
-                    where = f"substructure.{name}.reduced_integration"
-                    problems.add(where, what, ", ".join(mesh.cell_types), remedy="omit the key")
-                mesh = mesh.with_reduced_rules()
+            mesh = _with_rules(name, mesh, description, problems)
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description, units=scene.unit_system)
     if remarks is not None:

@@ -178,7 +178,7 @@ def run(options: SolveOptions, signals: Signals) -> int:
             raise InputError.of("bad argument", str(options.scene), "a deck is run by one process", remedy=remedy)
         target, deck = told_scene(options.scene, options.units, options.quiet)
         return _run_alone(replace(options, scene=target), signals, deck)
-    if options.units is not None:
+    if options.units is not None and options.scene.exists():
         raise InputError.of("bad argument", "--units", "a scene has units of its own", remedy="omit it")
     if options.exact:
         raise InputError.of("bad argument", "--exact", "a scene has no penalty of a deck", remedy="omit it")

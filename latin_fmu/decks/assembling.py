@@ -21,13 +21,24 @@ from ..mesh_files.deck_scene import axes_at, held_tables, set_named, with_model
 from ..scene.substructures import part_name
 from .histories import DeckHistory, DeckQuantity, DeckStep, Law, Points, common_step, law_of, shifted, tidy
 from .reference_tables import add_references
-from .translation import LEFT_OUT, MOTIONS, CardUse, Translation
+from .translation import LEFT_OUT, MOTIONS, USED, CardUse, Translation
 
 _TIGHTENING: Final = ("bolt_force", "bolt_shift")
-_PLAIN: Final = ("C3D4", "C3D10", "C3D8", "C3D8I", "C3D20", "C3D20R", "C3D27", "C3D6", "C3D15", "C3D5", "C3D13")
+_PLAIN: Final = (
+    "C3D4",
+    "C3D10",
+    "C3D8",
+    "C3D8I",
+    "C3D8R",
+    "C3D20",
+    "C3D20R",
+    "C3D27",
+    "C3D6",
+    "C3D15",
+    "C3D5",
+    "C3D13",
+)
 """Types of elements that a body has as they are in the deck."""
-_BENDING: Final = ("C3D8I", "C3D8R")
-"""Types of elements that get bending modes: one point has no stiffness in bending, eight have far too much."""
 _WAVE_SPEED: Final = 5000.0  # m/s, of metals: for a density that nothing depends on
 
 
@@ -114,8 +125,8 @@ def _ordered(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _add_types(deck: Translation) -> None:
-    """What the types of elements are here: a line for each that differs, bending modes for C3D8I and C3D8R, reduced
-    rules for C3D20R and C3D6."""
+    """What the types of elements are here: a line for each that differs, bending modes for C3D8I, uniform strain for
+    C3D8R, reduced rules for C3D20R and C3D6."""
     mixed = _add_reduced(deck)
     for name, place in deck.model.element_types.items():
         kind = element_type(name)
@@ -123,12 +134,7 @@ def _add_types(deck: Translation) -> None:
             continue
         if kind is not None and kind[0] in CORNERS:
             text = f"{name}: integrated fully here, stiffer in bending and shear than its own rule"
-            if name == "C3D8R":
-                text = (
-                    "C3D8R: with bending modes here, as C3D8I; its one point in CalculiX is softer in bending, "
-                    "the more so the fewer elements are across"
-                )
-            elif re.fullmatch(r"C3D\d+[A-Z]*H", name):
+            if re.fullmatch(r"C3D\d+[A-Z]*H", name):
                 text = f"{name}: a displacement element here, too stiff where the material is incompressible"
             deck.uses.append(CardUse(LEFT_OUT, "ELEMENT", place, text))
         elif kind is not None:
@@ -139,13 +145,36 @@ def _add_types(deck: Translation) -> None:
             if not fills_volume(name):
                 what = "*ELEMENT: beams, springs, masses and their like are not translated"
             deck.problems.append(Problem(f"{place.where}, line {place.line}", what, name))
+    _add_hexahedra(deck)
+
+
+def _add_hexahedra(deck: Translation) -> None:
+    """Bending modes of parts with C3D8I, uniform strain of those with C3D8R."""
     for group, part in deck.parts.items():
         hexahedra = deck.content.volumes[group].get("hexahedron")
         if hexahedra is None:
             continue
-        for name in _BENDING:
-            if np.isin(hexahedra, deck.content.types.get(name, {}).get("hexahedron", hexahedra[:0])).any():
-                deck.tables["substructure"][part]["bending_modes"] = True
+        marks = {}
+        for name in ("C3D8I", "C3D8R"):
+            marks[name] = np.isin(hexahedra, deck.content.types.get(name, {}).get("hexahedron", hexahedra[:0]))
+        if marks["C3D8I"].any():
+            deck.tables["substructure"][part]["bending_modes"] = True
+        if not marks["C3D8R"].any():
+            continue
+        place = deck.model.element_types["C3D8R"]
+        if not marks["C3D8R"].all():
+            what = f"*ELEMENT: part {part} has other elements of 8 nodes, too, and one rule is that of a whole part"
+            remedy = (
+                "a *SOLID SECTION for the elements of each type: each is a part then, bonded where they share nodes"
+            )
+            deck.problems.append(Problem(f"{place.where}, line {place.line}", what, "C3D8R", remedy=remedy))
+            continue
+        deck.tables["substructure"][part]["uniform_strain"] = True
+        text = f"[substructure.{part}] uniform_strain: one point, and CalculiX' stiffness against hourglass modes"
+        if deck.inertia:
+            text += "; the mass is the consistent one, CalculiX takes that of one point: other frequencies where few "
+            text += "elements are across"
+        deck.uses.append(CardUse(USED, "ELEMENT", place, f"C3D8R: {text}"))
 
 
 def _add_reduced(deck: Translation) -> set[str]:
@@ -185,7 +214,7 @@ def _join_shared(deck: Translation) -> None:
             name = deck.add("contact", f"{part}_{other}", search)
             place = next(card.place for card in deck.model.cards if card.keyword == "SOLID SECTION")
             text = f"{part} and {other} share nodes: bonded by [contact.{name}]"
-            deck.uses.append(CardUse("used", "SOLID SECTION", place, text))
+            deck.uses.append(CardUse(USED, "SOLID SECTION", place, text))
 
 
 # -- bolts ------------------------------------------------------------------------------------------------------------

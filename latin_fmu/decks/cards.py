@@ -112,7 +112,7 @@ LEFT_OUT: Final[Mapping[str, str]] = MappingProxyType(
 _PLASTICITY: Final = "materials are elastic here: stresses above yield would be too large"
 _THIN: Final = "thin parts are meshed with solids here"
 _HEAT: Final = "heat is not computed; temperatures that are known are *TEMPERATURE"
-_CHANGES: Final = "contact that changes from step to step"
+_CHANGES: Final = f"contact that changes from step to step: {model_cards.APART}"
 _JOINTS: Final = "write the mesh of a scene with [spring.NAME] or [point_mass.NAME]"
 REFUSED: Final[Mapping[str, str]] = MappingProxyType(
     {

@@ -42,6 +42,8 @@ def element_of(block: CellBlock, bending_modes: bool) -> str:
     kind = ELEMENTS[block.cell_type]
     if kind == "C3D8" and bending_modes:
         return "C3D8I"
+    if kind == "C3D8" and block.reduced:
+        return "C3D8R"
     if kind == "C3D20" and block.reduced:
         return "C3D20R"
     return kind

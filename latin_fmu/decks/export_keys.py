@@ -81,8 +81,8 @@ KEYS: Final[Mapping[str, TableKeys]] = MappingProxyType(
         ),
         "substructure": TableKeys(
             (
-                *("material", "box", "mesh", "rigid", "bending_modes", "reduced_integration", "initial_velocity"),
-                *("body_force", "body_force_law"),
+                *("material", "box", "mesh", "rigid", "bending_modes", "reduced_integration", "uniform_strain"),
+                *("initial_velocity", "body_force", "body_force_law"),
             ),
             {"modal_damping": "motions go on longer in the deck"},
             {

@@ -14,6 +14,8 @@ from .translation import SectionBolt, Translation
 
 _TOUCHING: Final = 1e-9  # of the size of the mesh
 _ALIKE: Final = 1e-3  # of the area of a facet
+APART: Final = "write a deck for each state of the contact, with the steps in which it is so"
+"""Remedy for contact that changes from step to step."""
 _EXACT: Final = "contact exact at its points, no penalty"
 
 
@@ -149,7 +151,7 @@ def interaction(deck: Translation, card: Card) -> None:
 def friction(deck: Translation, card: Card) -> None:
     """*FRICTION: Coulomb's coefficient; the stick slope of a penalty is no part of an exact law."""
     if deck.number:
-        deck.refuse(card, "friction that changes from step to step")
+        deck.refuse(card, "friction that changes from step to step", remedy=APART)
         return
     if deck.refuse_parameters(card, ("SLIP TOLERANCE", "ELASTIC SLIP")):
         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER
 from ..mesh_files.abaqus import SOLID_FACES
@@ -21,6 +20,8 @@ def closest(content: MeshContent, slave: str, master: str) -> Array:
     nodes, triangles = surface_nodes(content, slave), _triangles(content, master)
     if not len(nodes) or not len(triangles):
         return np.zeros(0)
+    from scipy.spatial import cKDTree  # a tenth of a second to load, and decks without contact do without
+
     points = content.points[nodes]
     count = min(_NEIGHBOURS, len(triangles))
     near = cKDTree(triangles.mean(axis=1)).query(points, k=count)[1].reshape(len(points), count)

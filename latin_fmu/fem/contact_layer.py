@@ -29,6 +29,7 @@ tetrahedra 1.06 to 1.08 (1.27 with the elements that own a facet alone), 10-node
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
@@ -189,9 +190,11 @@ def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes:
         touching = np.flatnonzero((times[block.cells] > 0.0).any(axis=1))
         if not len(touching):
             continue
-        layer = CellBlock(block.cell_type, block.cells[touching])
+        layer = replace(block, cells=block.cells[touching])
         # the rule of the stiffness of the body, so that the damping is proportional to its element matrices
-        points = points_in(mesh.nodes, layer, cell_rule(block.cell_type, False, is_curved(mesh.nodes, block)))
+        points = points_in(
+            mesh.nodes, layer, cell_rule(block.cell_type, False, is_curved(mesh.nodes, block), block.reduced)
+        )
         bends = bending_modes and block.cell_type in BENDING_CELLS
         matrix = element_stiffness(points, material, bends)
         n = 3 * layer.cells.shape[1]

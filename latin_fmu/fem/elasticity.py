@@ -77,6 +77,11 @@ class Elasticity(ABC):
 
     @property
     @abstractmethod
+    def hourglass_modulus(self) -> float:
+        """What the stiffness against hourglass modes of 8-node hexahedra is measured by (``elements``), Pa."""
+
+    @property
+    @abstractmethod
     def poisson_ratio(self) -> float:
         """Of the isotropic material that is as far from incompressible: its ratio of bulk and shear modulus."""
 
@@ -166,6 +171,11 @@ class Isotropic(Elasticity):
     def young_moduli(self) -> tuple[float, float]:
         """E twice, Pa."""
         return self.young_modulus, self.young_modulus
+
+    @property
+    def hourglass_modulus(self) -> float:
+        """Young's modulus E, Pa."""
+        return self.young_modulus
 
     @property
     def poisson_ratio(self) -> float:
@@ -265,6 +275,11 @@ class Orthotropic(Elasticity):
     def young_moduli(self) -> tuple[float, float]:
         """Smallest and largest of the three, Pa."""
         return min(self.moduli), max(self.moduli)
+
+    @property
+    def hourglass_modulus(self) -> float:
+        """C_1111 along the global x axis, Pa."""
+        return float(self.tensor[0, 0, 0, 0])
 
     @property
     def poisson_ratio(self) -> float:

@@ -13,6 +13,17 @@ element's centre (Taylor, Beresford, Wilson 1976),
 
 which makes uniform strain exact on distorted elements (patch test). The mass is that of the nodes alone.
 
+Uniform strain of 8-node hexahedra with the reduced rule: the mean b of grad N over the element at all its points, and
+a stiffness against the twelve displacements that make no mean strain (hourglass modes; Flanagan, Belytschko,
+Int. J. Numer. Meth. Engng. 17, 1981),
+
+    K = V B^T C B + c E V (sum b . b) sum_k gamma_k gamma_k^T I,     gamma_k = h_k - b . (x^T h_k)
+
+h_k the corners' eta zeta, xi zeta, xi eta, xi eta zeta of +-1, x the corners: linear displacements have no part in
+gamma, so that uniform strain is exact. c = 5e-4 and E of an isotropic material, C_1111 of others, are those of
+CalculiX' C3D8R (``Elasticity.hourglass_modulus``). The mass is the consistent one: that of one point would leave
+these displacements without inertia.
+
 Stresses from nodal displacements, means over the elements and values at the nodes (``elasticity``). At the nodes, each
 element carries the values at the points of a low rule, where they are most accurate (Barlow 1976), to its nodes by its
 linear functions; of elements that share a node the mean is taken, each counting alike.
@@ -30,7 +41,7 @@ import scipy.sparse as sp
 
 from .elasticity import COLUMNS, ROWS, Elasticity
 from .mesh import Array, CellBlock, Index, Mesh
-from .reference_cells import CELL_EDGES, N_CORNER, Rule, cell_functions, cell_rule
+from .reference_cells import CELL_EDGES, N_CORNER, UNIFORM_CELLS, Rule, cell_functions, cell_rule
 
 _AT_ONCE = 2**22  # numbers per array of gradients: larger meshes are taken in pieces, for the memory
 _STRAIGHT = 1e-9  # of the longest edge: a middle node this close to the middle is there
@@ -45,6 +56,8 @@ class CellPoints:
     cells : (n_cell, n_node). values : (n_point, n_node) shape functions.
     gradients : (n_cell, n_point, n_node, 3) of the shape functions by x, y, z, m-1.
     jacobian : (n_cell, n_point, 3, 3) d x_i / d xi_j. volumes : (n_cell, n_point) weight times det, m3.
+    hourglass : gamma (n_cell, 8, 4) of hexahedra with uniform strain (module docstring), whose gradients are means over
+        the cell; None of others.
     """
 
     cells: Index
@@ -52,6 +65,7 @@ class CellPoints:
     gradients: Array
     jacobian: Array
     volumes: Array
+    hourglass: Array | None = None
 
 
 def jacobians(nodes: Array, block: CellBlock, rule: Rule) -> Array:
@@ -69,7 +83,25 @@ def points_in(nodes: Array, block: CellBlock, rule: Rule) -> CellPoints:
     jacobian = jacobians(nodes, block, rule)
     gradients = slopes @ np.linalg.inv(jacobian)
     volumes = rule.weights * np.linalg.det(jacobian)
-    return CellPoints(block.cells, functions.values(rule.points), gradients, jacobian, volumes)
+    points = CellPoints(block.cells, functions.values(rule.points), gradients, jacobian, volumes)
+    if block.reduced and block.cell_type in UNIFORM_CELLS:
+        return _uniform(nodes, points, block.cell_type)
+    return points
+
+
+def _uniform(nodes: Array, points: CellPoints, cell_type: str) -> CellPoints:
+    """The points with the mean gradients of their cells, and gamma."""
+    whole = points_in(nodes, CellBlock(cell_type, points.cells), cell_rule(cell_type))
+    mean = _mean_gradients(whole)
+    corners = cell_functions(cell_type).nodes
+    modes = np.stack([np.prod(corners[:, axes], axis=1) for axes in ([1, 2], [0, 2], [0, 1], [0, 1, 2])], axis=1)
+    places = nodes[points.cells]
+    arms = places - places[:, :1]  # the modes sum up to zero: no part of the first corner
+    gamma = modes - mean @ (np.swapaxes(arms, 1, 2) @ modes)
+    # those of one point are not the volume of a distorted cell
+    volumes = points.volumes * (whole.volumes.sum(axis=1) / points.volumes.sum(axis=1))[:, None]
+    gradients = np.broadcast_to(mean[:, None], points.gradients.shape)
+    return replace(points, gradients=gradients, volumes=volumes, hourglass=gamma)
 
 
 def is_curved(nodes: Array, block: CellBlock) -> bool:
@@ -236,6 +268,7 @@ def rigid_modes(points: Array, centre: Array, length: float) -> Array:
 
 
 BENDING_CELLS = ("hexahedron",)
+_HOURGLASS: Final = 5e-4  # c of the module docstring
 _HRZ = (
     "tetra10",
     "hexahedron20",
@@ -317,7 +350,21 @@ def element_stiffness(points: CellPoints, material: Elasticity, bending_modes: b
     """Stiffness (n_cell, n, 3, n, 3) of each of some cells, N m-1."""
     if bending_modes:
         return condensed(points, material)
-    return elastic_products(points.gradients, points.gradients, points.volumes, material)
+    matrices = elastic_products(points.gradients, points.gradients, points.volumes, material)
+    if points.hourglass is not None:
+        resisting = hourglass_stiffness(points, material)
+        for i in range(3):
+            matrices[:, :, i, :, i] += resisting
+    return matrices
+
+
+def hourglass_stiffness(points: CellPoints, material: Elasticity) -> Array:
+    """c E V (sum b . b) gamma gamma^T (n_cell, 8, 8), N m-1, the same along each axis, of hexahedra with uniform
+    strain (module docstring)."""
+    assert points.hourglass is not None, "_uniform"
+    slope = points.gradients[:, 0]
+    scale = _HOURGLASS * material.hourglass_modulus * points.volumes.sum(axis=1) * (slope**2).sum(axis=(1, 2))
+    return np.asarray(scale[:, None, None] * (points.hourglass @ np.swapaxes(points.hourglass, 1, 2)))
 
 
 def mass(elements: Elements, density: float) -> sp.csr_array:
@@ -492,8 +539,13 @@ class Recovery:
                 if unstrained is not None:
                     stress = stress + unstrained[(first + rows) % len(unstrained), None, :]
                 some = replace(block, cells=block.cells[rows])
-                slopes = points_in(self._elements.mesh.nodes, some, rule).gradients
-                forces = np.einsum("cpaj,cpij,cp->cai", slopes, tensors(stress), volumes, optimize=True)
+                points = points_in(self._elements.mesh.nodes, some, rule)
+                forces = np.einsum("cpaj,cpij,cp->cai", points.gradients, tensors(stress), volumes, optimize=True)
+                if points.hourglass is not None:
+                    resisting = hourglass_stiffness(points, self._material) @ displacement[some.cells]
+                    if self._elements.moduli is not None:
+                        resisting *= self._elements.moduli[first + rows, None, None]
+                    forces += resisting
                 np.add.at(total, some.cells, forces)
             first += len(block.cells)
         return total
@@ -510,7 +562,7 @@ class Recovery:
             to_nodes = at_nodes @ np.linalg.pinv(functions.values(rule.points))
             size = max(1, _AT_ONCE // (9 * max(n_time, 3) * block.cells.shape[1]))
             for first in range(0, len(block.cells), size):
-                yield CellBlock(block.cell_type, block.cells[first : first + size]), rule, to_nodes
+                yield replace(block, cells=block.cells[first : first + size]), rule, to_nodes
 
 
 def mode_slopes(points: CellPoints, material: Elasticity, nodal: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -136,9 +136,9 @@ class Mesh:
         named = {name: FacetSet.of(facets) for name, facets in (faces or {}).items()}
         return Mesh(nodes, (CellBlock(cell_type, cells),), named)
 
-    def with_reduced_rules(self) -> Mesh:
-        """The mesh with the reduced rule in all cells that have one."""
-        blocks = tuple(replace(block, reduced=block.cell_type in REDUCED_CELLS) for block in self.blocks)
+    def with_reduced_rules(self, cell_types: Sequence[str] = REDUCED_CELLS) -> Mesh:
+        """The mesh with the reduced rule in all cells of these types."""
+        blocks = tuple(replace(b, reduced=b.reduced or b.cell_type in cell_types) for b in self.blocks)
         return replace(self, blocks=blocks)
 
     @property

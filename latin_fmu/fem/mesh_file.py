@@ -15,6 +15,7 @@ from .faces import facet_nodes, flat_pieces, shape
 from .mesh import Array, CellBlock, FacetBlock, FacetSet, Index, Mesh, boundary, unjoined
 from .reference_cells import CELL_FACES, FACET_CORNERS, N_CORNER, TET_EDGES, Rule, cell_functions, cell_rule, mirrored
 
+_FEWEST_CORNERS = 3  # of a facet
 _FAR = 1e60  # m; products of three such lengths are still numbers
 _VOLUME = tuple(CELL_FACES)
 _CURVED = (
@@ -176,7 +177,8 @@ def _named_faces(
                     matches[match] = None
         _add_face(faces, name, list(matches), by_kind)
     for name, rows in content.node_sets.items():
-        if name in faces or name in content.facets or name in points:
+        # fewer nodes than a facet has corners: single nodes, of which a deck may hold one set each
+        if len(rows) < _FEWEST_CORNERS or name in faces or name in content.facets or name in points:
             continue
         inside = np.zeros(len(renumber) + 1, dtype=bool)
         inside[renumber[rows]] = True

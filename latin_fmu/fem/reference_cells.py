@@ -239,7 +239,9 @@ def mirrored(cell_type: str) -> list[int]:
 
 
 REDUCED_CELLS: Final = ("hexahedron20", "wedge")
-"""Types of cells with a reduced rule."""
+"""Types of cells whose stiffness has fewer points by the reduced rule."""
+UNIFORM_CELLS: Final = ("hexahedron",)
+"""Types of cells whose strain is uniform by the reduced rule (``elements``)."""
 
 
 @dataclass(frozen=True)

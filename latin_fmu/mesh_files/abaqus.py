@@ -9,7 +9,7 @@ without regard to case and keep the spelling of their first use. What else the d
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -287,20 +287,28 @@ class _DeckContent(_PlacedDeck):
 
     def _add_held_nodes(self, content: MeshContent) -> None:
         """Nodes that a support or transformation names by their number."""
-        for support in self.deck.model.supports:
-            if is_label(support.name):
-                self._add_nodes_by_number(content, f"NODE_{support.name.rpartition('.')[2]}", [support.name])
+        held = (support.name for support in self.deck.model.supports if is_label(support.name))
+        for text, rows in self._numbered(dict.fromkeys(held)):
+            content.add_nodes(f"NODE_{text.rpartition('.')[2]}", rows)
 
     def _add_nodes_by_number(self, content: MeshContent, name: str, texts: Iterable[str]) -> None:
-        """Nodes by their numbers under a name; CalculiX leaves those out that are not there."""
-        by_frame: dict[str, list[int]] = {}
+        """Nodes by their numbers under a name."""
+        found = [rows for _, rows in self._numbered(texts)]
+        if found:
+            content.add_nodes(name, np.concatenate(found))
+
+    def _numbered(self, texts: Iterable[str]) -> Iterator[tuple[str, Index]]:
+        """Each number of a node, and its row, (1,); none where it is not there, as CalculiX leaves it out."""
+        by_owner: dict[str, list[str]] = {}
         for text in texts:
-            owner, _, label = text.rpartition(".")
-            by_frame.setdefault(owner.upper(), []).append(int(label))
-        for owner, labels in by_frame.items():
+            by_owner.setdefault(text.rpartition(".")[0].upper(), []).append(text)
+        for owner, some in by_owner.items():
             frame = self._named(owner, self.frames[0])
-            rows, there = rows_of(frame.node_labels, np.array(labels, dtype=np.int64))
-            content.add_nodes(name, rows[there] + frame.first_node)
+            # all numbers at once: a deck may hold each of its nodes by its number
+            labels = np.array([int(text.rpartition(".")[2]) for text in some], dtype=np.int64)
+            rows, there = rows_of(frame.node_labels, labels)
+            for k, text in enumerate(some):
+                yield text, rows[k : k + 1][there[k : k + 1]] + frame.first_node
 
     def _add_loaded(self, content: MeshContent) -> None:
         """Nodes and faces of elements that loads, supports and outputs name by their numbers, nodes that equations

@@ -182,6 +182,13 @@ class Substructure(SceneTable):
             "CalculiX; a cell alone can deform without a force"
         ),
     ] = False
+    uniform_strain: Annotated[
+        Flag,
+        about(
+            "strain of 8-node hexahedra uniform, with a small stiffness against hourglass modes, as C3D8R of CalculiX; "
+            "bodies bend far too easily with fewer than four over their thickness"
+        ),
+    ] = False
     modal_damping: Annotated[
         ModalDampingTable | None, about("damping of the modes, one ratio for all up to a frequency")
     ] = None

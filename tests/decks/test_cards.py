@@ -274,10 +274,27 @@ def test_parts_that_share_nodes_are_bonded(tmp_path: Path) -> None:
     assert moved[1] == pytest.approx(moved[0], rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize(("kind", "words"), [("C3D8R", "with bending modes"), ("C3D8H", "displacement element")])
-def test_elements_that_differ_are_named(kind: str, words: str, tmp_path: Path) -> None:
-    found = imported(plain().replace("C3D8,", f"{kind},"), tmp_path)
-    assert any(line.startswith("left out: *ELEMENT") and words in line for line in found.summary())
+def test_elements_that_differ_are_named(tmp_path: Path) -> None:
+    found = imported(plain().replace("C3D8,", "C3D8H,"), tmp_path)
+    assert any(line.startswith("left out: *ELEMENT") and "displacement element" in line for line in found.summary())
+
+
+def test_one_point_elements_have_uniform_strain(tmp_path: Path) -> None:
+    """With inertia the mass differs from that of CalculiX, which is named; a part with both kinds is refused."""
+    deck = plain().replace("C3D8,", "C3D8R,")
+    found = imported(deck.replace("*STATIC\n", "*DYNAMIC\n"), tmp_path)
+    assert found.tables["substructure"]["BLOCK"]["uniform_strain"] is True
+    assert any(line.startswith("used: *ELEMENT") and "mass is the consistent one" in line for line in found.summary())
+    lines = deck.splitlines()
+    last = max(
+        i
+        for i, line in enumerate(lines[: lines.index("*SOLID SECTION, ELSET=BLOCK, MATERIAL=STEEL")])
+        if line.startswith("2, ") and len(line.split(",")) == 9
+    )
+    lines.insert(last, "*ELEMENT, TYPE=C3D8, ELSET=BLOCK")
+    said = refusal("\n".join(lines) + "\n", tmp_path)
+    assert f"line {lines.index('*ELEMENT, TYPE=C3D8R, ELSET=BLOCK') + 1}" in said
+    assert "a *SOLID SECTION for the elements of each type" in said
 
 
 def corners_held(name: str) -> str:
@@ -324,3 +341,19 @@ def test_a_file_that_is_no_deck_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mesh.inp").write_text("not a deck\n")
     with pytest.raises(InputError):
         import_deck(tmp_path / "mesh.inp")
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        "*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nHIGHDOWN, LOWUP\n",
+        "*CHANGE FRICTION, INTERACTION=JOINT\n*FRICTION\n0.3, 1e5\n",
+    ],
+)
+def test_contact_that_changes_is_refused_with_a_remedy(cards: str, tmp_path: Path) -> None:
+    load = "*CLOAD\nTOP, 3, -1.\n"
+    deck = two_blocks() + STEEL + contact() + HELD + static(load) + static(cards)
+    said = refusal(deck, tmp_path)
+    line = deck.splitlines().index(cards.splitlines()[0]) + 1
+    assert f"line {line}: {cards.split(',')[0]}: contact that changes from step to step" in said
+    assert said.count("write a deck for each state of the contact") == cards.count("*")

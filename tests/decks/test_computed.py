@@ -6,6 +6,7 @@ installed; the numbers of closed forms stand in the tests.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ import pytest
 
 import latin_fmu
 from latin_fmu.decks.importing import ImportedDeck, import_deck
-from latin_fmu.decks.printed import printed_blocks
 from latin_fmu.results.solution import Solution
 
 from .beside import displacements
@@ -211,25 +211,40 @@ def test_rayleigh_damping_is_that_of_calculix(tmp_path: Path) -> None:
     np.testing.assert_allclose(here[-1], last, atol=2e-3 * np.abs(last).max())
 
 
-def test_one_point_elements_have_bending_modes(tmp_path: Path) -> None:
-    """C3D8R: pulled as in CalculiX, stresses at the centres, too; bent as by the beam, which its one point misses."""
-    pulled = one_block(BAR, "C3D8R") + STEEL + "*BOUNDARY\nBOTTOM, 3, 3\n1, 1, 2\n3, 2, 2\n"
-    deck = pulled + static("*DSLOAD\nUP, P, -10.\n" + OUTPUT)
-    found = imported(deck, tmp_path)
-    assert found.tables["substructure"]["BLOCK"]["bending_modes"] is True
+ORTHOTROPIC = """*MATERIAL, NAME=STEEL
+*ELASTIC, TYPE=ENGINEERING CONSTANTS
+1e5, 2e5, 4e4, 0.1, 0.15, 0.2, 3e4, 5e4
+2e4, 20.
+*DENSITY
+7.8e-9
+*ORIENTATION, NAME=AXES
+1., 1., 0., -1., 1., 0.
+"""
+
+
+@pytest.mark.parametrize("material", ["isotropic", "orthotropic"])
+def test_one_point_elements_are_those_of_calculix(material: str, tmp_path: Path) -> None:
+    """C3D8R in a leaning prism one element thick: hourglass modes alone resist bending."""
+    prism = block((0.0, 0.0, 0.0), (10.0, 10.0, 40.0), (1, 1, 6))
+    lean = np.outer(prism.nodes[:, 2], [0.3, 0.1, 0.0]) + np.outer(prism.nodes[:, 0], [0.0, 0.2, 0.1])
+    deck = one_block(replace(prism, nodes=prism.nodes + lean), "C3D8R") + STEEL
+    if material == "orthotropic":
+        deck = deck.replace("MATERIAL=STEEL", "MATERIAL=STEEL, ORIENTATION=AXES").replace(STEEL, ORTHOTROPIC)
+    deck += HELD + static("*CLOAD\nTOP, 1, 10.\n" + OUTPUT)
+    assert imported(deck, tmp_path).tables["substructure"]["BLOCK"]["uniform_strain"] is True
     there = displacements(deck, tmp_path, "TIP")[1.0][0]
     here = solved(deck, tmp_path).sensors["TIP"].displacement[-1]
     np.testing.assert_allclose(here, there, atol=3e-6 * np.abs(there).max())
-    long = block((0.0, 0.0, 0.0), (10.0, 10.0, 100.0), (2, 2, 20))
-    text = one_block(long, "C3D8R") + STEEL + HELD
-    text += static("*CLOAD\nTOP, 1, 10.\n" + OUTPUT + "*EL PRINT, ELSET=BLOCK\nS\n")
-    found = imported(text, tmp_path)
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(dict(found.tables), tmp_path))
-    force, stiffness = 90.0, 210e3 * 10.0**4 / 12.0
-    bent = force * 100.0**3 / (3.0 * stiffness) + 1.2 * force * 100.0 / (210e3 / 2.6 * 100.0)
-    assert solution.sensors["TIP"].displacement[-1, 0] == pytest.approx(bent, rel=1.5e-2)
-    stress = list(printed_blocks(found.prints, solution))[-1]
-    assert stress.labels.shape == (long.n_cell, 2)
-    # in the middle of the third layer, at 2.5 mm from the neutral plane: M = 90 N * 87.5 mm
-    third = stress.values[8:12, 2]
-    np.testing.assert_allclose(np.abs(third), 90.0 * 87.5 * 2.5 / (10.0**4 / 12.0), rtol=2e-2)
+
+
+@pytest.mark.parametrize(("moved", "apart"), [(0.05, 0.0002), (0.2, 0.0009), (0.6, 0.0021)])
+def test_distorted_one_point_elements_differ_by_the_terms_that_calculix_leaves_out(
+    moved: float, apart: float, tmp_path: Path
+) -> None:
+    """In proportion to the distortion, mm of edges of 5 mm (findings/calculix_hourglass_on_distorted_element.sh)."""
+    bar = block((0.0, 0.0, 0.0), (10.0, 10.0, 40.0), (2, 2, 6))
+    corners = bar.nodes + moved * np.random.default_rng(0).uniform(-1.0, 1.0, bar.nodes.shape)
+    deck = one_block(replace(bar, nodes=corners), "C3D8R") + STEEL + HELD + static("*CLOAD\nTOP, 1, 10.\n" + OUTPUT)
+    there = displacements(deck, tmp_path, "TIP")[1.0][0]
+    here = solved(deck, tmp_path).sensors["TIP"].displacement[-1]
+    assert np.abs(here - there).max() / np.abs(there).max() == pytest.approx(apart, rel=0.3)

@@ -134,6 +134,14 @@ SCENES: dict[str, dict[str, Any]] = {
         },
         load=push(traction=[3.0, 0.0, 0.0]),
     ),
+    "uniform strain": bar(
+        substructure={
+            "bar": {
+                "material": "steel", "uniform_strain": True, "box": {"size": [10.0, 10.0, 40.0], "elements": [2, 2, 4]},
+            }
+        },
+        load=push(traction=[3.0, 0.0, 0.0]),
+    ),
     "contact": stack({"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.3}),
     "a layer without tension": stack(
         {"sides": ["low.zmax", "high.zmin"], "behaviour": "soft_contact", "normal_stiffness": 1e6}

@@ -98,6 +98,7 @@ DECKS = {
     + HELD
     + static("*TEMPERATURE\nNALL, 120.\n" + EVERYTHING),
     "incompatible modes": one_block(BAR, "C3D8I") + STEEL + HELD + static(PULL + EVERYTHING),
+    "C3D8R": one_block(BAR, "C3D8R") + STEEL + HELD + static(PULL + EVERYTHING),
     "axes of a transformation": one_block(BAR)
     + STEEL
     + "*TRANSFORM, NSET=TOP\n1., 1., 0., -1., 1., 0.\n"
@@ -163,6 +164,12 @@ def test_run_writes_the_file_beside_the_results(
     Path("still.inp").write_text(one_block(BAR) + STEEL + HELD + static(PULL))
     assert main(["run", "still.inp"]) == 0
     assert not Path("still.dat").exists()
+
+
+def test_a_deck_that_is_not_there_is_said_to_be_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    """--units is for decks alone; of a name without a file nothing says what it is."""
+    assert main(["run", "nowhere.inp", "--units", "m"]) == 2
+    assert "nowhere.inp: no such file" in capsys.readouterr().err
 
 
 def test_numbers_are_those_of_fortran() -> None:

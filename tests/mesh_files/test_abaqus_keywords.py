@@ -394,3 +394,21 @@ def test_what_calculix_reads_of_other_decks(tmp_path: Path) -> None:
     remarks = remarks_of(scene)
     assert "*BOUNDARY 999 (it holds no node of a part)" in remarks
     assert "1 B31 (links) is not used: write [spring.NAME]" in remarks
+
+
+def test_nodes_held_by_their_numbers_are_points_of_their_names(tmp_path: Path) -> None:
+    """Numbers in any order, one of them twice and one that is not there; a set of three nodes is a facet."""
+    text = "*NODE\n30, 1., 0., 0.\n10, 0., 0., 0.\n7, 0., 1., 0.\n21, 0., 0., 1.\n"
+    text += "*ELEMENT, TYPE=C3D4, ELSET=A\n5, 10, 30, 7, 21\n"
+    text += "*NSET, NSET=LOW\n30, 10, 7\n*BOUNDARY\nLOW, 3, 3\n21, 1, 1\n30, 2, 3\n99, 1, 3\n21, 2, 2\n7, 1, 1\n"
+    (tmp_path / "deck.inp").write_text(text)
+    content = read_content(tmp_path / "deck.inp")
+    held = {name: content.labels[rows].tolist() for name, rows in content.node_sets.items() if name.startswith("NODE_")}
+    assert held == {"NODE_21": [21], "NODE_30": [30], "NODE_99": [], "NODE_7": [7]}
+    mesh = mesh_of(content, "deck.inp")
+    assert list(mesh.faces) == ["LOW"]
+    assert {name: mesh.nodes[rows].tolist() for name, rows in mesh.points.items()} == {
+        "NODE_21": [[0.0, 0.0, 1.0]],
+        "NODE_30": [[1.0, 0.0, 0.0]],
+        "NODE_7": [[0.0, 1.0, 0.0]],
+    }
