@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, WORK_OF_LOADS
+from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, PRESTRESS, WORK_OF_LOADS
 from ..latin.assembly import Array
 from .reduced_run import ReducedMarch
-from .tied_assembly import MASS, STIFFNESS
+from .tied_assembly import MASS, STIFFNESS, TiedAssembly
 
 
 def assembly_energies(
@@ -49,6 +49,18 @@ def assembly_energies(
     terms[:, ELASTIC] -= layers
     terms[:, INTERFACE_WORK] -= layers - layers[0]
     return terms
+
+
+def part_prestress(terms: Array, tied: TiedAssembly, shapes: Array, amplitudes: Array) -> None:
+    """Take u.K_sigma u / 2 of the bodies out of the elastic energy among ``terms`` (n_time, N_TERM), J, as a term of
+    its own; u of ``shapes`` (n_full, k) times ``amplitudes`` (n_time, k)."""
+    for model in tied.models:
+        if model.geometric is None:
+            continue
+        moved = shapes[tied.where[model.name]]
+        energy = 0.5 * np.einsum("ti,ij,tj->t", amplitudes, moved.T @ (model.geometric @ moved), amplitudes)
+        terms[:, PRESTRESS] += energy
+        terms[:, ELASTIC] -= energy
 
 
 def _of_static_responses(march: ReducedMarch, n_load: int, n: int) -> Array:

@@ -40,7 +40,7 @@ from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, UNRELAXED = range(6)
+MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, UNRELAXED, GEOMETRIC = range(7)
 """Matrices of ``add_product``."""
 FORWARD, BACKWARD, VECTORS, PRODUCT, DENSE = range(100, 105)
 """Actions of ``leaf``."""
@@ -281,6 +281,16 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
             row.unrelaxed_diagonal,
             row.unrelaxed_together,
             row.unrelaxed_parts,
+        )
+    if which == GEOMETRIC:
+        return (
+            row.geometric_rows,
+            row.geometric_starts,
+            row.geometric_columns,
+            row.geometric_values,
+            row.geometric_diagonal,
+            row.geometric_together,
+            row.geometric_parts,
         )
     return (
         row.mass_rows,
