@@ -16,7 +16,6 @@ import numpy as np
 from ..api import solve
 from ..errors import LatinError
 from ..latin.outcome import Array
-from ..latin.status import stored_energy
 from ..reader import scene_from_dict
 from ..results.solution import Solution
 from .scenes import Description
@@ -321,7 +320,7 @@ def energy_laws(solution: Solution, round_off: float = 1.2e-10) -> list[Measure]
     energy = solution.energy
     if energy is None:
         return []
-    stored = stored_energy(energy)
+    stored = energy["kinetic"] + energy["elastic"]
     scale = max(float(stored.max()), float(np.abs(energy["work_of_loads"]).max())) or 1.0
     excess = stored - energy["work_of_loads"]
     loaded = bool(energy["work_of_loads"].any())

@@ -33,7 +33,7 @@ from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept, load_terms
 from ..assembly.prestress import Cuts, Prestress, body_stiffness, rigid_stiffness
 from ..assembly.problem import DiscretisedProblem, settings_of
-from ..errors import SceneError, SolverError
+from ..errors import SceneError, SolverError, listed
 from ..fem.elements import rigid_modes
 from ..fem.mesh import Array
 from ..joined.joined_assembly import JoinedAssembly, pressed_of
@@ -137,14 +137,15 @@ def stressed_by_loads(
     problem: DiscretisedProblem, at_rest: DiscretisedProblem, amplitudes: Mapping[str, float], restricted: bool = False
 ) -> DiscretisedProblem:
     """The problem of a scene that starts from initial values with the geometric stiffness of the equilibrium that what
-    acts at t = 0 would have, bodies with a velocity left out; as it is where there is no such equilibrium, where its
-    stress does not count, or the scene leaves it out (other parameters and errors: ``with_prestress``).
+    acts at t = 0 would have without them, bodies in flight left out; as it is where there is no such equilibrium, where
+    its stress does not count, or the scene leaves it out (other parameters and errors: ``with_prestress``).
 
     at_rest : from ``loaded_at_rest``. The motion is about that state and does not begin in it: loads that are there at
     t = 0 act at once.
     """
     try:
         state = undisplaced_equilibrium(at_rest, amplitudes)
+        assert state is not None, "something acts"
     except (SceneError, SolverError) as error:
         words = f"what acts at t = 0 has no equilibrium whose stress would have a stiffness: {error}"
         return replace(problem, remarks=(*problem.remarks, *remarks_of("prestress", [words])))
@@ -152,6 +153,8 @@ def stressed_by_loads(
     if stressed.prestress is None:
         return problem
     words = "the motion begins from initial values, and the stress is that of the equilibrium of what acts at t = 0"
+    if flying := [name for name in problem.bodies if name not in state.displacement]:
+        words += f"; in flight, without stress: {listed(flying)}"
     remarks = (*stressed.remarks, *remarks_of("prestress", [words]))
     return replace(problem, prestress=stressed.prestress, cuts=stressed.cuts, remarks=remarks).with_classes()
 
