@@ -31,7 +31,7 @@ from ..assembly.body import Body, body_sides
 from ..assembly.conditions import RigidConditions
 from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept, load_terms
-from ..assembly.prestress import Cuts, Prestress, body_stiffness, rigid_stiffness
+from ..assembly.prestress import Cuts, Prestress, body_stiffness, cut_stresses, rigid_stiffness
 from ..assembly.problem import DiscretisedProblem, settings_of
 from ..errors import SceneError, SolverError, listed
 from ..fem.elements import rigid_modes
@@ -89,7 +89,7 @@ def stressed_problem(
     automatic, kept = choice == "automatic", problem.kept
     if automatic and _stout(problem, state):
         return problem
-    stiffness, of_cuts = _stiffnesses(problem, state)
+    stiffness = _stiffnesses(problem, state)
     if not stiffness or (automatic and _known_to_be_small(problem, stiffness)):
         return problem
     ratios = _ratios(problem, state, stiffness)
@@ -113,6 +113,7 @@ def stressed_problem(
     period = ratios.period if ratios.largest >= 2.0 * NEGLIGIBLE else np.inf
     pressure = {name: -traction[:, 0] for name, traction in state.traction.items()}
     prestress = Prestress(stiffness, words, period, _drives(problem, stiffness), pressure)
+    of_cuts = _cuts(problem, state)
     stressed = {name: cut.stressed(of_cuts[name]) for name, cut in problem.cuts.items() if name in of_cuts}
     cuts = {**problem.cuts, **stressed}
     return replace(problem, prestress=prestress, cuts=cuts, remarks=remarks).with_classes()
@@ -240,10 +241,9 @@ def _distance(first: InitialState, second: InitialState) -> float:
     return apart / largest
 
 
-def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> tuple[dict[str, sp.csr_array], Cuts]:
-    """K_sigma of every body that the state stresses, by name, and what it adds to the cuts of bolts."""
+def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> dict[str, sp.csr_array]:
+    """K_sigma of every body that the state stresses, by name."""
     matrices: dict[str, sp.csr_array] = {}
-    cuts: Cuts = {}
     for name, body in problem.bodies.items():
         if name not in state.displacement:
             continue
@@ -252,11 +252,20 @@ def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> tuple[dict
             matrix = _of_rigid(problem, state, body)
         else:
             opened = problem.opened(name, state.bolts.shortening)
-            matrix, of_cuts = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
-            cuts |= of_cuts
+            matrix = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
         if matrix is not None and matrix.count_nonzero():
             matrices[name] = matrix
-    return matrices, cuts
+    return matrices
+
+
+def _cuts(problem: DiscretisedProblem, state: InitialState) -> Cuts:
+    """What K_sigma adds to the cuts of bolts, by bolt."""
+    cuts: Cuts = {}
+    for name, body in problem.bodies.items():
+        opened = problem.opened(name, state.bolts.shortening) if name in state.displacement else None
+        if opened is not None and not body.rigid:
+            cuts |= cut_stresses(body, state.displacement[name], _unstrained(problem, body), opened)
+    return cuts
 
 
 def _unstrained(problem: DiscretisedProblem, body: Body) -> Array:
