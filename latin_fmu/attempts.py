@@ -352,6 +352,8 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
                 at_once = solved_at_once(scene, discretised, looks_at_bodies)
             discretised, start = started(discretised, {}, None if tangent is None else tangent.stages)
             prediction.discretised = discretised
+            if tangent is not None and discretised.prestress is not None and start is not None:
+                tangent = tangent.stressed(discretised, start)
             grouped, why = None, ""
             bonded = any(bonds(unit.behaviour) for unit in discretised.units)
             if bonded and not (modal or tries or reasons or scene.time.quasi_static or scene.solver.bonds == "iterate"):

@@ -90,7 +90,7 @@ def started(
     from .statics.starts import undisplaced_equilibrium
 
     state = undisplaced_equilibrium(discretised, amplitudes, stages)
-    discretised, state = with_prestress(discretised, state, amplitudes, stages is not None)
+    discretised, state = with_prestress(discretised, state, amplitudes)
     return discretised, displaced_start(discretised, state)
 
 

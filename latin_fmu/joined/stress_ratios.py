@@ -14,7 +14,7 @@ inner product of K: one solution with the factor of K a step, some six of them w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -77,7 +77,11 @@ def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array],
     exact.
     """
     parts, expansion = joined.parts, joined.expansion
-    stressed = sp.csr_array(expansion.T @ _of_all(stiffness, parts.models) @ expansion)
+    onto, whole = sp.csr_array(expansion.T), _of_all(stiffness, parts.models)
+
+    def stressed(x: Array) -> Array:
+        return np.asarray(onto @ (whole @ (expansion @ x)))
+
     vibration = joined.vibration.shifted_by(_SLOWER**2 * joined.vibration.shift)
     if not vibration.n:
         return StressRatios(0.0, 0.0, np.zeros((parts.n, 2)), next(iter(parts.where)), 0.0)
@@ -110,12 +114,14 @@ def _of_all(stiffness: Mapping[str, sp.csr_array], models: Mapping[str, Substruc
     return side_by_side(blocks)
 
 
-def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float, rigid: Array) -> tuple[float, float, Array]:
-    """Lowest and highest mu, and their modes (n, 2), of K_sigma ``stressed`` (n, n) on the motions orthogonal to
-    ``rigid`` (n, k), of unit stiffness."""
+def _ends(
+    vibration: Vibration, stressed: Callable[[Array], Array], negligible: float, rigid: Array
+) -> tuple[float, float, Array]:
+    """Lowest and highest mu, and their modes (n, 2), of unit stiffness, of the forces K_sigma x, which ``stressed``
+    gives of motions x (n,), on the motions orthogonal to ``rigid`` (n, k)."""
     elastic, n = vibration.shifted, vibration.n
     most = min(_MOST, n)
-    space, pulled, gram = np.empty((n, most)), np.empty((n, most)), np.zeros((most, most))
+    space, pulled, gram = np.empty((most, n)).T, np.empty((most, n)).T, np.zeros((most, most))
     # what random forces do: hardly any short waves, which stress does not change
     rest, size, done = vibration.solve(np.random.default_rng(0).normal(size=n)), 0, False
     held = elastic @ rigid
@@ -124,7 +130,7 @@ def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float, rigid
         image = elastic @ rest
         norm = float(np.sqrt(rest @ image))
         space[:, size], pulled[:, size] = rest / norm, image / norm
-        force = stressed @ space[:, size]
+        force = stressed(space[:, size])
         size += 1
         gram[size - 1, :size] = gram[:size, size - 1] = space[:, :size].T @ force
         rest = vibration.solve(force)

@@ -231,11 +231,18 @@ def _block_inverse(matrix: sp.csr_array) -> tuple[sp.csr_array, list[Index]]:
     columns_at = [none]
     values = [np.zeros(0)]
     apart = list[Index]()
-    first = second = 0
-    for height, width in zip(of_rows.tolist(), of_columns.tolist(), strict=True):
-        r, c = order[first : first + height], columns[second : second + width]
-        first, second = first + height, second + width
-        block = matrix[r][:, c].toarray()
+    # places of rows, columns and entries in their blocks
+    firsts, seconds = (np.cumsum(counts) - counts for counts in (of_rows, of_columns))
+    row_in, column_in = np.empty((2, n), dtype=np.int64)
+    row_in[order], column_in[columns] = np.arange(n) - firsts[label[order]], np.arange(n) - seconds[label[n + columns]]
+    of_entries = label[coo.coords[0]]
+    entries, ends = np.argsort(of_entries, kind="stable"), np.cumsum(np.bincount(of_entries, minlength=count))
+    first = second = begin = 0
+    for height, width, end in zip(of_rows.tolist(), of_columns.tolist(), ends.tolist(), strict=True):
+        r, c, inside = order[first : first + height], columns[second : second + width], entries[begin:end]
+        first, second, begin = first + height, second + width, end
+        block = np.zeros((height, width))
+        block[row_in[coo.coords[0][inside]], column_in[coo.coords[1][inside]]] = coo.data[inside]
         if height == width and len(block):
             inverse = la.pinv(block)
         else:

@@ -58,7 +58,7 @@ _FAR: Final = 100.0  # load factor of buckling above which it is not named
 
 
 def with_prestress(
-    problem: DiscretisedProblem, state: InitialState | None, amplitudes: Mapping[str, float], restricted: bool = False
+    problem: DiscretisedProblem, state: InitialState | None, amplitudes: Mapping[str, float]
 ) -> tuple[DiscretisedProblem, InitialState | None]:
     """The problem with the geometric stiffness of an equilibrium, and that equilibrium with it; both as they are where
     stress does not count, or the scene leaves it out.
@@ -66,13 +66,12 @@ def with_prestress(
     Parameters
     ----------
     state : of ``starts.undisplaced_equilibrium``. amplitudes : at t = 0, of loads that are set from outside.
-    restricted : whether derivatives are taken, which do not know of it.
 
     Raises
     ------
-    SceneError : the state has buckled; derivatives of a scene in which stress counts.
+    SceneError : the state has buckled.
     """
-    stressed = stressed_problem(problem, state, restricted)
+    stressed = stressed_problem(problem, state)
     if state is None or stressed.prestress is None:
         return problem, state
     return stressed, corrected(stressed, state, amplitudes)
@@ -81,7 +80,8 @@ def with_prestress(
 def stressed_problem(
     problem: DiscretisedProblem, state: InitialState | None, restricted: bool = False
 ) -> DiscretisedProblem:
-    """``with_prestress`` without the correction of the equilibrium: for modes about it."""
+    """``with_prestress`` without the correction of the equilibrium: for modes about it. Refused with a SceneError where
+    stress counts and the problem is ``restricted``, as its derivatives are taken without those of the equilibrium."""
     scene = problem.scene
     choice = scene.effects.prestress
     if state is None or choice == "off" or scene.time.quasi_static:
@@ -102,11 +102,11 @@ def stressed_problem(
         raise SceneError.of(
             "derivatives cannot be taken",
             "effects.prestress",
-            "derivatives do not know the geometric stiffness of the state at t = 0, which changes natural frequencies "
-            f"by up to {_change(ratios)}",
+            "from initial values derivatives do not know the geometric stiffness of what acts at t = 0, which changes "
+            f"natural frequencies by up to {_change(ratios)}",
             choice,
             "off",
-            'set effects.prestress = "off" to take the derivatives of the scene without it',
+            'set time.start = "static", or effects.prestress = "off" to take the derivatives of the scene without it',
         )
     words = _words(ratios)
     remarks = (*problem.remarks, *remarks_of("prestress", [words]))
@@ -139,7 +139,7 @@ def stressed_by_loads(
 ) -> DiscretisedProblem:
     """The problem of a scene that starts from initial values with the geometric stiffness of the equilibrium that what
     acts at t = 0 would have without them, bodies in flight left out; as it is where there is no such equilibrium, where
-    its stress does not count, or the scene leaves it out (other parameters and errors: ``with_prestress``).
+    its stress does not count, or the scene leaves it out (``restricted``, errors: ``stressed_problem``).
 
     at_rest : from ``loaded_at_rest``. The motion is about that state and does not begin in it: loads that are there at
     t = 0 act at once.

@@ -582,10 +582,41 @@ def test_bodies_of_unequal_stress_share_no_operators() -> None:
     assert latin_fmu.vibration_modes(scene, count=2).frequency == pytest.approx(sorted(one.values()), rel=1e-7)
 
 
-def test_derivatives_of_a_stressed_scene_are_refused() -> None:
-    scene = pinned(EULER, output={"sensitivities": ["material.steel.density"]})
-    with pytest.raises(SceneError, match=r"effects\.prestress: derivatives do not know"):
+PUSHED = {"damping": {"ratio": 0.02, "band": [100.0, 2000.0]}, "output": {"check_sensitivities": "none"}}
+
+
+@pytest.mark.parametrize("propagator", ["direct", "modal"])
+def test_derivatives_of_a_stressed_scene_are_those_of_central_differences(propagator: str) -> None:
+    """By what does not change the state at t = 0: a load after it, a ratio of damping, a friction that sticks; and, in
+    the march of the bodies, a density."""
+    names = ["load.tap.force.0", "damping.ratio", "interface.i2.friction_coefficient"]
+    names += ["material.steel.density"] if propagator == "direct" else []
+    scene = stack(2000.0, 2e-3, solver={"propagator": propagator, "tolerance": 1e-9}, **PUSHED)
+    solution = latin_fmu.solve(scene.replace("output.sensitivities", names))
+    assert any("changes natural frequencies" in warning for warning in solution.warnings)
+    by_name = {d.name: d for d in solution.sensitivities.derivatives}
+    for name in names:
+        value, step = by_name[name].value, 1e-3
+        more, less = (latin_fmu.solve(scene.replace(name, value * (1.0 + sign * step))) for sign in (1.0, -1.0))
+        a, b = (s.sensors["top"].velocity for s in (more, less))
+        expected, own = (a - b) / (2.0 * step), by_name[name].sensors["top"].velocity
+        size = np.abs(expected).max() if "friction" not in name else np.abs(a).max()
+        assert np.abs(own - expected).max() < 1e-3 * size, name
+
+
+@pytest.mark.parametrize("name", ["load.clamp.pressure", "material.steel.young_modulus"])
+def test_derivatives_by_what_changes_the_stress_are_refused(name: str) -> None:
+    scene = stack(2000.0, 2e-3, output={"sensitivities": [name]})
+    with pytest.raises(SceneError, match=r"changes the state at t = 0, whose stress has a stiffness"):
         latin_fmu.solve(scene)
+
+
+def test_derivatives_from_initial_values_are_refused_where_stress_counts() -> None:
+    data = pinned(EULER, output={"sensitivities": ["material.steel.density"]}).tables()
+    data["time"] = {"end": 2e-3, "step": 2e-5}
+    data["effects"] = {"prestress": "on"}
+    with pytest.raises(SceneError, match=r"effects\.prestress: from initial values derivatives do not know"):
+        latin_fmu.solve(latin_fmu.scene_from_dict(data))
 
 
 def test_the_matrix_of_a_stressed_box() -> None:
