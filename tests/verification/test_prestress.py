@@ -666,7 +666,7 @@ def test_bodies_of_unequal_stress_share_no_operators() -> None:
 PUSHED = {"damping": {"ratio": 0.02, "band": [100.0, 2000.0]}, "output": {"check_sensitivities": "none"}}
 
 
-@pytest.mark.parametrize("propagator", ["direct", "modal"])
+@pytest.mark.parametrize("propagator", ["direct", pytest.param("modal", marks=pytest.mark.slow)])
 def test_derivatives_of_a_stressed_scene_are_those_of_central_differences(propagator: str) -> None:
     """By what does not change the state at t = 0: a load after it, a ratio of damping, a friction that sticks; and, in
     the march of the bodies, a density."""
