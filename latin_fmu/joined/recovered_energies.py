@@ -54,13 +54,17 @@ def assembly_energies(
 def part_prestress(terms: Array, tied: TiedAssembly, shapes: Array, amplitudes: Array) -> None:
     """Take u.K_sigma u / 2 of the bodies out of the elastic energy among ``terms`` (n_time, N_TERM), J, as a term of
     its own; u of ``shapes`` (n_full, k) times ``amplitudes`` (n_time, k)."""
-    for model in tied.models:
-        if model.geometric is None:
-            continue
+    stressed = [model for model in tied.models if model.geometric is not None]
+    if not stressed:
+        return
+    # of all bodies first: one product with the amplitudes
+    energies = np.zeros((shapes.shape[1], shapes.shape[1]))
+    for model in stressed:
         moved = shapes[tied.where[model.name]]
-        energy = 0.5 * np.einsum("ti,ij,tj->t", amplitudes, moved.T @ (model.geometric @ moved), amplitudes)
-        terms[:, PRESTRESS] += energy
-        terms[:, ELASTIC] -= energy
+        energies += moved.T @ np.asarray(model.geometric @ moved)
+    energy = 0.5 * ((amplitudes @ energies) * amplitudes).sum(axis=1)
+    terms[:, PRESTRESS] += energy
+    terms[:, ELASTIC] -= energy
 
 
 def _of_static_responses(march: ReducedMarch, n_load: int, n: int) -> Array:
