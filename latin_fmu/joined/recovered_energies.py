@@ -54,14 +54,13 @@ def assembly_energies(
 def part_prestress(terms: Array, tied: TiedAssembly, shapes: Array, amplitudes: Array) -> None:
     """Take u.K_sigma u / 2 of the bodies out of the elastic energy among ``terms`` (n_time, N_TERM), J, as a term of
     its own; u of ``shapes`` (n_full, k) times ``amplitudes`` (n_time, k)."""
-    stressed = [model for model in tied.models if model.geometric is not None]
+    stressed = [(tied.where[m.name], m.geometric) for m in tied.models if m.geometric is not None]
     if not stressed:
         return
     # of all bodies first: one product with the amplitudes
     energies = np.zeros((shapes.shape[1], shapes.shape[1]))
-    for model in stressed:
-        moved = shapes[tied.where[model.name]]
-        energies += moved.T @ np.asarray(model.geometric @ moved)
+    for where, geometric in stressed:
+        energies += shapes[where].T @ np.asarray(geometric @ shapes[where])
     energy = 0.5 * ((amplitudes @ energies) * amplitudes).sum(axis=1)
     terms[:, PRESTRESS] += energy
     terms[:, ELASTIC] -= energy

@@ -244,7 +244,7 @@ def _block_inverse(matrix: sp.csr_array) -> tuple[sp.csr_array, list[Index]]:
         block = np.zeros((height, width))
         block[row_in[coo.coords[0][inside]], column_in[coo.coords[1][inside]]] = coo.data[inside]
         if height == width and len(block):
-            inverse = la.pinv(block)
+            inverse: Array = np.asarray(la.pinv(block), dtype=np.float64)
         else:
             inverse = np.zeros((0, 0))
         if height != width or not np.abs(inverse @ block - np.eye(height)).max(initial=0.0) < _NOTHING:

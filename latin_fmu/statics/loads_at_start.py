@@ -22,7 +22,7 @@ from .free_bodies import BALANCED, acting, free_groups
 from .statics import something_acts, start_problems, static_scene
 
 _ZERO = (0.0, 0.0, 0.0)
-_AT_REST: Final[Mapping[str, Any]] = {
+_AT_REST: Final[dict[str, Any]] = {
     **dict.fromkeys(("initial_velocity", "initial_spin", "initial_displacement"), _ZERO),
     **dict.fromkeys((*VELOCITY_FIELDS, *DISPLACEMENT_FIELDS)),
 }
