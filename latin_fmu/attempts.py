@@ -37,6 +37,7 @@ from .results.writing import check_folder
 from .scene.schema import Scene
 
 if TYPE_CHECKING:
+    from .assembly.initial_state import InitialState
     from .sensitivities.tangents import Tangents
 
 
@@ -350,7 +351,7 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
                 from .statics.static_fields import solved_at_once
 
                 at_once = solved_at_once(scene, discretised, looks_at_bodies)
-            discretised, start = started(discretised, {}, None if tangent is None else tangent.stages)
+            discretised, start, tangent = _started(discretised, tangent)
             prediction.discretised = discretised
             grouped, why = None, ""
             bonded = any(bonds(unit.behaviour) for unit in discretised.units)
@@ -379,6 +380,21 @@ def prepared(scene: Scene, options: RunOptions, attempt: Attempt) -> Prepared:
             if problem.reduced is not None:
                 problem.reduced.assembly.lost = lost
     return Prepared(problem, prediction, tangent, tries)
+
+
+def _started(
+    discretised: DiscretisedProblem, tangent: Tangents | None
+) -> tuple[DiscretisedProblem, InitialState | None, Tangents | None]:
+    """The problem about its start, this (``building.started``), and the derivatives of that problem.
+
+    Raises
+    ------
+    SceneError, SolverError : as ``Tangents.stressed``.
+    """
+    discretised, start = started(discretised, {}, None if tangent is None else tangent.stages)
+    if tangent is not None and discretised.prestress is not None and start is not None:
+        tangent = tangent.stressed(discretised, start)
+    return discretised, start, tangent
 
 
 def _by_bodies_for(tangent: Tangents, modal: bool, attempt: Attempt) -> tuple[bool, Attempt]:

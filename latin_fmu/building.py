@@ -90,7 +90,7 @@ def started(
     from .statics.starts import undisplaced_equilibrium
 
     state = undisplaced_equilibrium(discretised, amplitudes, stages)
-    discretised, state = with_prestress(discretised, state, amplitudes, stages is not None)
+    discretised, state = with_prestress(discretised, state, amplitudes)
     return discretised, displaced_start(discretised, state)
 
 
@@ -105,7 +105,9 @@ def _stressed_by_loads(
     if at_rest is None:
         if discretised.scene.effects.prestress != "on" or discretised.scene.time.quasi_static:
             return discretised
-        words = "effects.prestress: nothing that acts at t = 0 stresses bodies at rest, and no stress has a stiffness"
+        words = (
+            "effects.prestress: nothing that acts at t = 0 stresses bodies that are held, and no stress has a stiffness"
+        )
         return replace(discretised, remarks=(*discretised.remarks, *remarks_of("prestress", [words])))
     from .statics.prestressed import stressed_by_loads
 

@@ -45,25 +45,36 @@ Cuts = dict[str, CutStress]
 """What K_sigma adds to the cut of a bolt and the sections of its shank, by bolt."""
 
 
-def body_stiffness(
-    body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh | None
-) -> tuple[sp.csr_array, Cuts]:
-    """K_sigma (3 n_node, 3 n_node), N m-1, of an elastic body, and what it is of the jumps in the cuts of its bolts: a
-    shank is as stiff against them with its stress as against all other motions.
+def body_stiffness(body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh | None) -> sp.csr_array:
+    """K_sigma (3 n_node, 3 n_node), N m-1, of an elastic body.
 
     Parameters
     ----------
     displacement : (3 n_node,), m. unstrained : (n_cell or 1, 6), Pa, as for ``geometric_stiffness``.
     opened : its mesh with the cuts of its bolts open; None where it has none.
     """
-    shape, nodal = body.shape, displacement.reshape(-1, 3)
+    shape = body.shape
     if opened is None:
-        return geometric_stiffness(shape.elements, shape.elasticity, nodal, unstrained, shape.bending_modes), {}
-    elements, apart = Elements(opened.mesh, shape.moduli), opened.displacement(nodal)
-    matrix = geometric_stiffness(elements, shape.elasticity, apart, unstrained, shape.bending_modes)
-    together = opened.together
+        nodal = displacement.reshape(-1, 3)
+        return geometric_stiffness(shape.elements, shape.elasticity, nodal, unstrained, shape.bending_modes)
+    matrix, together = _of_opened(body, displacement, unstrained, opened), opened.together
     merged = sp.csr_array(together.T @ matrix @ together)
     merged.sort_indices()
+    return merged
+
+
+def _of_opened(body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh) -> sp.csr_array:
+    """K_sigma of all dofs of a mesh whose cuts are open."""
+    shape, elements = body.shape, Elements(opened.mesh, body.shape.moduli)
+    apart = opened.displacement(displacement.reshape(-1, 3))
+    return geometric_stiffness(elements, shape.elasticity, apart, unstrained, shape.bending_modes)
+
+
+def cut_stresses(body: Body, displacement: Array, unstrained: Array, opened: OpenedMesh) -> Cuts:
+    """What K_sigma of a body (parameters: ``body_stiffness``) is of the jumps in the cuts of its bolts: a shank is as
+    stiff against them with its stress as against all other motions."""
+    shape, apart = body.shape, opened.displacement(displacement.reshape(-1, 3))
+    matrix = _of_opened(body, displacement, unstrained, opened)
     cuts: Cuts = {}
     for cut, (name, jump) in zip(opened.cuts, opened.jumps(), strict=True):
         pulled = matrix @ jump.ravel()
@@ -73,8 +84,9 @@ def body_stiffness(
             part = chosen_elements(opened.mesh, shape.moduli, section.side)
             of_part = geometric_stiffness(part, shape.elasticity, apart, beside, shape.bending_modes)
             rows.append(section.rows(opened, of_part, cut.directions))
-        cuts[name] = CutStress(np.asarray(together.T @ pulled), float(jump.ravel() @ pulled), tuple(rows))
-    return merged, cuts
+        together = np.asarray(opened.together.T @ pulled)
+        cuts[name] = CutStress(together, float(jump.ravel() @ pulled), tuple(rows))
+    return cuts
 
 
 def rigid_stiffness(points: Array, forces: Array, nodal: Array) -> sp.csr_array:

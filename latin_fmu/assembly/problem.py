@@ -553,8 +553,9 @@ def _stressed(problem: DiscretisedProblem, model: SubstructureModel) -> Substruc
     """The model with the geometric stiffness of its body, which no damping by strain acts on."""
     if problem.prestress is None or model.name not in problem.prestress.stiffness:
         return model
+    added = problem.prestress.stiffness[model.name]
     stiffness = problem.prestress.added(model.name, model.stiffness)
-    return replace(model, stiffness=stiffness, unrelaxed=problem.prestress.stiffness[model.name])
+    return replace(model, stiffness=stiffness, unrelaxed=added, geometric=added)
 
 
 def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:

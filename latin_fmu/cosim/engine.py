@@ -134,11 +134,7 @@ class Engine:
 
     # -- steps ----------------------------------------------------------------------------------------------------
     def initialize(
-        self,
-        start: float,
-        inputs: Array,
-        histories: Mapping[int, tuple[Array, Array]],
-        parameters: Mapping[int, float],
+        self, start: float, inputs: Array, histories: Mapping[int, tuple[Array, Array]], parameters: Mapping[int, float]
     ) -> None:
         """Begin a simulation, from whatever state.
 

@@ -439,6 +439,7 @@ ENERGY: Final = Family(
     (
         _energy("kinetic"),
         _energy("elastic"),
+        _energy("prestress"),
         _energy("work_of_loads"),
         _energy("interface_work"),
         _energy("friction_dissipation"),
@@ -446,8 +447,8 @@ ENERGY: Final = Family(
         _energy("landing_dissipation"),
         _energy("scheme_dissipation"),
         _energy(
-            *("balance", "kinetic", "elastic", "-start", "damping_dissipation", "landing_dissipation"),
-            *("scheme_dissipation", "-work_of_loads", "-interface_work"),
+            *("balance", "kinetic", "elastic", "prestress", "-start", "damping_dissipation"),
+            *("landing_dissipation", "scheme_dissipation", "-work_of_loads", "-interface_work"),
         ),
     ),
 )

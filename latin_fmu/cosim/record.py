@@ -15,7 +15,7 @@ from ..kernels import entries
 from ..kernels.inputs import DISPLACEMENT
 from ..latin.outcome import Array
 from ..latin.recorder import Recorder
-from ..latin.status import WindowList
+from ..latin.status import WindowList, stored_energy
 from .communication import CommunicationRun
 from .segments import Segment, unpacked_motions
 
@@ -100,7 +100,7 @@ class Record:
         energy = recorder.assembly_energy(assembly)
         stored = None
         if energy is not None:
-            stored = float(energy["kinetic"][0] + energy["elastic"][0])
+            stored = float(stored_energy(energy)[0])
         converged, sentence = run.run.status(energy, stored)
         histories = recorder.sensors(assembly), recorder.reactions(assembly), recorder.bolt_histories()
         time, windows = assembly.time[: recorder.n_kept], run.run.windows

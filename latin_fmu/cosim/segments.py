@@ -24,7 +24,7 @@ from ..latin.assembly import Assembly, GroundState
 from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import decode, encode
-from ..latin.status import WindowList
+from ..latin.status import WindowList, stored_energy
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
@@ -330,7 +330,7 @@ class SegmentedRun(SegmentState):
             for term in RUNNING:
                 if term in energy:
                     energy[term] = energy[term] + self.running.get(term, 0.0)
-            first = float(energy["kinetic"][0] + energy["elastic"][0])
+            first = float(stored_energy(energy)[0])
             if self.stored is None:
                 self.stored = first
             # the balance of a segment counts from its first instant, that of the session from t = 0

@@ -16,6 +16,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from ..latin.outcome import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from ..latin.status import stored_energy
 from ..results.quantities import BOLT, INTERFACE, REACTION, SENSOR, SUBSTRUCTURE, Rows, fields_over_time
 from .loads import Curve, rule_of
 from .segments import RUNNING, Segment
@@ -171,12 +172,12 @@ def _since_the_start(parts: Sequence[dict[str, Array] | None]) -> dict[str, Arra
     terms = [dict(part) for part in parts if part is not None]
     if not terms:
         return None
-    stored = float(terms[0]["kinetic"][0] + terms[0]["elastic"][0])
+    stored = float(stored_energy(terms[0])[0])
     for before, part in itertools.pairwise(terms):
         for name in RUNNING:
             if name in part:
                 part[name] = part[name] + before[name][-1]
-        part["balance"] = part["balance"] + float(part["kinetic"][0] + part["elastic"][0]) - stored
+        part["balance"] = part["balance"] + float(stored_energy(part)[0]) - stored
     return _joined_energies(terms)
 
 

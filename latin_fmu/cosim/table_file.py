@@ -211,9 +211,7 @@ def table_file(table: Sequence[Variable], scene: Scene, run: CommunicationRun, i
     words += [number for part in identity.record for number in part.row()]
     begins["pressed"] = len(words)
     pressed = list(_pressed_points(run))
-    words += [
-        number for place, size, mu, at, name in pressed for number in (place, size, mu, texts.place(name), at)
-    ]
+    words += [number for place, size, mu, at, name in pressed for number in (place, size, mu, texts.place(name), at)]
     begins |= {
         "n_variable": len(table),
         "n_input": len(inputs),
@@ -298,7 +296,8 @@ def _whole_numbers(run: CommunicationRun, endless: bool) -> Iterator[tuple[int, 
 
 def _pressed_points(run: CommunicationRun) -> Iterator[tuple[int, int, float, int, str]]:
     """Points at which a rigid body is pressed at the start: place of their traction, number of its components,
-    coefficient of friction, its place where it is tunable, else -1, interface. The initial state is a linear function of the inputs while none slides or lifts.
+    coefficient of friction, its place where it is tunable, else -1, interface. The initial state is a linear function
+    of the inputs while none slides or lifts.
     """
     assembly, at = run.run.assembly, int(run.image.run[0]["f_hat"])
     for g, point in sorted(closed_points(assembly)):

@@ -99,7 +99,7 @@ def tunables_of(scene: Scene) -> Iterator[Variable]:
         return
     for name, interface in scene.joints.items():
         if interface.behaves_open and interface.friction_coefficient > 0.0:
-            about = f"coefficient of friction of interface {name}, from the next step on; the start has that of the scene"
+            about = f"coefficient of friction of interface {name} from the next step on; a static start has the scene's"
             start = float(interface.friction_coefficient)
             yield Variable(
                 f"interface.{name}.friction_coefficient", "parameter", "tunable", "real", about, "1", start, minimum=0.0

@@ -279,6 +279,7 @@ def _group(
         landing=_damping(models, "landing"),
         branches=strongest,
         unrelaxed=_diagonal(_unrelaxed(models, rest, _of_full)) if some_rest else None,
+        geometric=_damping(models, "geometric"),
         store=models[0].store,
     )
     mass, damping, stiffness = (list(part) for part in zip(*(m.reduced for m in models), strict=True))

@@ -35,7 +35,7 @@ from ..time_scheme import MaxwellBranches
 from .dynamic_stiffness import BranchedStiffness, Complex, ProjectedStiffness, eigenvalues, strained_bodies
 from .hierarchical_dofs import HierarchicalDofs
 from .modal_damping import Modes
-from .tied_assembly import eliminated
+from .tied_assembly import eliminated, side_by_side
 
 Joints = Literal["sticking", "open", "bonded"]
 _UNMOVED = 1e-9  # of a mode of a body, whose rate is round-off
@@ -233,7 +233,7 @@ class Parts:
             (m.stiffness, m.inertia, none((m.n_full, m.n_full)) if m.damping is None else m.damping, m.expansion)
             for m in models
         ]
-        blocks = [sp.csr_array(sp.block_diag(matrices, format="csr")) for matrices in zip(*of_each, strict=True)]
+        blocks = [side_by_side(matrices) for matrices in zip(*of_each, strict=True)]
         return Parts({m.name: m for m in models}, where, *blocks)
 
     def of_body(self, name: str, matrix: sp.csr_array) -> sp.csr_array:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, WORK_OF_LOADS
+from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, PRESTRESS, WORK_OF_LOADS
 from ..latin.assembly import Array
 from .reduced_run import ReducedMarch
-from .tied_assembly import MASS, STIFFNESS
+from .tied_assembly import MASS, STIFFNESS, TiedAssembly
 
 
 def assembly_energies(
@@ -49,6 +49,21 @@ def assembly_energies(
     terms[:, ELASTIC] -= layers
     terms[:, INTERFACE_WORK] -= layers - layers[0]
     return terms
+
+
+def part_prestress(terms: Array, tied: TiedAssembly, shapes: Array, amplitudes: Array) -> None:
+    """Take u.K_sigma u / 2 of the bodies out of the elastic energy among ``terms`` (n_time, N_TERM), J, as a term of
+    its own; u of ``shapes`` (n_full, k) times ``amplitudes`` (n_time, k)."""
+    stressed = [(tied.where[m.name], m.geometric) for m in tied.models if m.geometric is not None]
+    if not stressed:
+        return
+    # of all bodies first: one product with the amplitudes
+    energies = np.zeros((shapes.shape[1], shapes.shape[1]))
+    for where, geometric in stressed:
+        energies += shapes[where].T @ np.asarray(geometric @ shapes[where])
+    energy = 0.5 * ((amplitudes @ energies) * amplitudes).sum(axis=1)
+    terms[:, PRESTRESS] += energy
+    terms[:, ELASTIC] -= energy
 
 
 def _of_static_responses(march: ReducedMarch, n_load: int, n: int) -> Array:

@@ -33,7 +33,7 @@ from ..propagator.model import SubstructureModel, closest_reduced, relaxing_part
 from ..time_scheme import MasslessContact, MaxwellBranches
 from .bond_forces import BondForces
 from .motion_rows import basis_of, row_shares
-from .recovered_energies import assembly_energies
+from .recovered_energies import assembly_energies, part_prestress
 from .reduced_run import NAME, RELATIVE, ReducedMarch
 from .tied_assembly import jump_rows, placed
 
@@ -325,6 +325,7 @@ class RecoveredRecorder(Recorder):
         if request.energy:
             histories = self._motions.modes, self._motions.relative
             self._energy = assembly_energies(march, histories, recorder.series("energy"), self._layer_energy())
+            part_prestress(self._energy, march.tied, self._motions.shapes, self._motions.amplitudes[0])
         else:
             self._energy = np.zeros((n, N_TERM))
         if request.energy:

@@ -14,7 +14,7 @@ inner product of K: one solution with the factor of K a step, some six of them w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,8 +26,9 @@ from ..latin.assembly import Array
 from ..propagator import SubstructureModel
 from ..propagator.vibration import Vibration
 from .joined_assembly import JoinedAssembly
+from .tied_assembly import side_by_side
 
-_FIRST: Final = 6  # steps between two looks at the ends
+_FIRST: Final = 4  # steps before the first look at the ends
 _MOST: Final = 120
 _EXACT: Final = 1e-4  # of the larger end: residual of both
 _SLOWER: Final = 1e-2
@@ -76,7 +77,11 @@ def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array],
     exact.
     """
     parts, expansion = joined.parts, joined.expansion
-    stressed = sp.csr_array(expansion.T @ _side_by_side(stiffness, parts.models) @ expansion)
+    onto, whole = sp.csr_array(expansion.T), _of_all(stiffness, parts.models)
+
+    def stressed(x: Array) -> Array:
+        return np.asarray(onto @ (whole @ (expansion @ x)))
+
     vibration = joined.vibration.shifted_by(_SLOWER**2 * joined.vibration.shift)
     if not vibration.n:
         return StressRatios(0.0, 0.0, np.zeros((parts.n, 2)), next(iter(parts.where)), 0.0)
@@ -99,22 +104,24 @@ def stress_ratios(joined: JoinedAssembly, stiffness: Mapping[str, sp.csr_array],
 
 def known_ratio(shapes: Array, stiffness: Mapping[str, sp.csr_array], models: Iterable[SubstructureModel]) -> float:
     """Larger size of mu in modes of another stress (``StressRatios.shapes``), to second order in what changes them."""
-    energy = shapes.T @ (_side_by_side(stiffness, {m.name: m for m in models}) @ shapes)
+    energy = shapes.T @ (_of_all(stiffness, {m.name: m for m in models}) @ shapes)
     return float(np.abs(la.eigvalsh(energy)).max())
 
 
-def _side_by_side(stiffness: Mapping[str, sp.csr_array], models: Mapping[str, SubstructureModel]) -> sp.csr_array:
+def _of_all(stiffness: Mapping[str, sp.csr_array], models: Mapping[str, SubstructureModel]) -> sp.csr_array:
     """K_sigma of all bodies, (n_full, n_full)."""
     blocks = [stiffness.get(name, sp.csr_array((m.n_full, m.n_full))) for name, m in models.items()]
-    return sp.csr_array(sp.block_diag(blocks, format="csr"))
+    return side_by_side(blocks)
 
 
-def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float, rigid: Array) -> tuple[float, float, Array]:
-    """Lowest and highest mu, and their modes (n, 2), of K_sigma ``stressed`` (n, n) on the motions orthogonal to
-    ``rigid`` (n, k), of unit stiffness."""
+def _ends(
+    vibration: Vibration, stressed: Callable[[Array], Array], negligible: float, rigid: Array
+) -> tuple[float, float, Array]:
+    """Lowest and highest mu, and their modes (n, 2), of unit stiffness, of the forces K_sigma x, which ``stressed``
+    gives of motions x (n,), on the motions orthogonal to ``rigid`` (n, k)."""
     elastic, n = vibration.shifted, vibration.n
     most = min(_MOST, n)
-    space, pulled, gram = np.empty((n, most)), np.empty((n, most)), np.zeros((most, most))
+    space, pulled, gram = np.empty((most, n)).T, np.empty((most, n)).T, np.zeros((most, most))
     # what random forces do: hardly any short waves, which stress does not change
     rest, size, done = vibration.solve(np.random.default_rng(0).normal(size=n)), 0, False
     held = elastic @ rigid
@@ -123,7 +130,7 @@ def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float, rigid
         image = elastic @ rest
         norm = float(np.sqrt(rest @ image))
         space[:, size], pulled[:, size] = rest / norm, image / norm
-        force = stressed @ space[:, size]
+        force = stressed(space[:, size])
         size += 1
         gram[size - 1, :size] = gram[:size, size - 1] = space[:, :size].T @ force
         rest = vibration.solve(force)
@@ -133,7 +140,7 @@ def _ends(vibration: Vibration, stressed: sp.csr_array, negligible: float, rigid
             rest = rest - rigid @ (held.T @ rest)
         left = float(np.sqrt(max(rest @ (elastic @ rest), 0.0)))
         done = size == most or left <= _NOTHING * float(np.abs(gram[:size, :size]).max())
-        if size % _FIRST == 0 and not done:
+        if size >= _FIRST and not done:
             values, turns = la.eigh(gram[:size, :size])
             largest = float(np.abs(values).max())
             residual = left * float(np.abs(turns[-1, [0, -1]]).max())

@@ -10,13 +10,14 @@ n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.ener
     STATIC    D V = Du.(mean f + mean lambda) + reactions
 
 "one step" is a DIRECT class whose scheme says so (``TimeScheme.one_step_energy``): v_w with the velocities of massless
-nodes as marched, v_m the mean velocity of the step, d = ``inertia_drift``, lambda with own weights. K y is K u and the
-forces of Maxwell branches, whose energies and losses are among V and those of C (``maxwell``). The part of C
-that is the viscosity of the contact layer has a term of its own. x = ``inertia_dissipation``; f loads, lambda tractions
-of the interfaces; reactions work where the motion is prescribed and are counted with the loads. That of inertia works
-on the step that the recursion of the scheme makes of v and a: a displacement law departs from it at a corner. The sums
-hold up to round-off. Each step costs one product, K u (EXPLICIT classes: K v too): M a comes from the march, and M v
-follows the recursion that the scheme has for v.
+nodes as marched, v_m the mean velocity of the step, d = ``inertia_drift``, lambda with own weights. K has the
+geometric stiffness K_sigma of the stress of t = 0 in it, and V its energy u.K_sigma u / 2, a term of its own. K y is
+K u and the forces of Maxwell branches, whose energies and losses are among V and those of C (``maxwell``). The part of
+C that is the viscosity of the contact layer has a term of its own. x = ``inertia_dissipation``; f loads, lambda
+tractions of the interfaces; reactions work where the motion is prescribed and are counted with the loads. That of
+inertia works on the step that the recursion of the scheme makes of v and a: a displacement law departs from it at a
+corner. The sums hold up to round-off. Each step costs one product, K u (EXPLICIT classes: K v too, with K_sigma
+K_sigma u): M a comes from the march, and M v follows the recursion that the scheme has for v.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from .energy_parts import (
     add_dot,
     add_work,
     copied,
+    part_prestress,
     state_energies,
     step_forces,
     step_of,
@@ -414,9 +416,10 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
         totals[WORK_OF_LOADS * m : (WORK_OF_LOADS + 1) * m],
         totals[OF_SCHEME * m : (OF_SCHEME + 1) * m],
     )
-    totals[: 2 * m] = 0.0  # kinetic and elastic energy are those of now
+    totals[: 3 * m] = 0.0  # stored energies are those of now
     add_dot(m, 0.5, v, mass_v, totals[KINETIC * m : (KINETIC + 1) * m])
     add_dot(m, 0.5, u, new[:wide], totals[ELASTIC * m : (ELASTIC + 1) * m])
+    part_prestress(pools, c, u, totals, scratch[3 * wide :])
     # -dt^2/8 D[v.K v]
     add_dot(m, -dt * dt / 8, v, k_v, of_scheme)
     add_dot(m, dt * dt / 8, v_old, past[_K_V * wide : (_K_V + 1) * wide], of_scheme)

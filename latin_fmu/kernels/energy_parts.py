@@ -11,13 +11,14 @@ from ..compiled import kernel
 from .face import add_face_forces
 from .matrices import LOADS, add_spread, add_sum
 from .records import STATIC
-from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, UNRELAXED, add_product
+from .splits import DAMPING, DASHPOTS, GEOMETRIC, LANDING, MASS, STIFFNESS, UNRELAXED, add_product
 
 Array = NDArray[np.float64]
 
 TERMS = (
     "kinetic",
     "elastic",
+    "prestress",
     "work_of_loads",
     "interface_work",
     "damping_dissipation",
@@ -26,9 +27,9 @@ TERMS = (
 )
 """Terms of the account, in the order of ``totals``."""
 N_TERM = len(TERMS)
-KINETIC, ELASTIC, WORK_OF_LOADS, INTERFACE_WORK, DAMPED, OF_SCHEME, OF_LANDING = range(N_TERM)
+KINETIC, ELASTIC, PRESTRESS, WORK_OF_LOADS, INTERFACE_WORK, DAMPED, OF_SCHEME, OF_LANDING = range(N_TERM)
 STORED, OF_GROUND, OF_DRIFT, PUT_IN, NET, LARGEST, INSTANTS = range(7)
-"""Numbers of ``works``: kinetic and elastic energy of the classes here at the start; work of the moving ground here;
+"""Numbers of ``works``: energy stored in the classes here at the start; work of the moving ground here;
 work that the drift takes from the interfaces owned here; energy put in so far; work of the drift of all processes, its
 largest size at the instants whose forces were measured; instants since the start."""
 N_WORK = 7
@@ -79,6 +80,9 @@ def add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     elif which == UNRELAXED:
         starts_at, columns_at = row.border_unrelaxed_starts, row.border_unrelaxed_columns
         values_at = row.border_unrelaxed_values
+    elif which == GEOMETRIC:
+        starts_at, columns_at = row.border_geometric_starts, row.border_geometric_columns
+        values_at = row.border_geometric_values
     starts = pools.fixed_int[starts_at : starts_at + count + 1]
     columns = pools.fixed_col[columns_at : columns_at + starts[count]]
     add_border(row.n, count, starts, columns, pools.fixed[values_at : values_at + starts[count]], row.m, x, out)
@@ -180,11 +184,11 @@ def step_forces(pools: Any, c: int, instant: int, flat: Array, u: Array, out: Ar
 
 @kernel
 def state_energies(pools: Any, c: int, u: Array, v: Array, mass_v: Array, elastic: Array, image: Array) -> None:
-    """Kinetic and elastic energy of the present motion; mass_v: M v without prescribed motions (n m,), elastic: K u,
-    image: scratch."""
+    """Kinetic and elastic energy of the present motion, and that of the stress of t = 0; mass_v: M v without prescribed
+    motions (n m,), elastic: K u with the geometric stiffness, image: scratch."""
     row = pools.classes[c]
     m, size = row.m, row.n * row.m
-    totals = pools.moving[row.totals : row.totals + 2 * m]
+    totals = pools.moving[row.totals : row.totals + 3 * m]
     totals[:] = 0.0
     kinetic = totals[KINETIC * m : (KINETIC + 1) * m]
     if row.kind != STATIC:
@@ -195,3 +199,16 @@ def state_energies(pools: Any, c: int, u: Array, v: Array, mass_v: Array, elasti
         add_borders(pools, c, MASS, v, image)
         add_dot(m, 0.5, v, image, kinetic)
     add_dot(m, 0.5, u, elastic, totals[ELASTIC * m : (ELASTIC + 1) * m])
+    part_prestress(pools, c, u, totals, image)
+
+
+@kernel
+def part_prestress(pools: Any, c: int, u: Array, totals: Array, image: Array) -> None:
+    """Take u.K_sigma u / 2 out of the elastic energy, as a term of its own; ``image`` : scratch."""
+    row = pools.classes[c]
+    m = row.m
+    if row.geometric_rows == 0:
+        return
+    whole_product(pools, c, GEOMETRIC, u, image)
+    add_dot(m, 0.5, u, image, totals[PRESTRESS * m : (PRESTRESS + 1) * m])
+    add_dot(m, -0.5, u, image, totals[ELASTIC * m : (ELASTIC + 1) * m])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .callouts import SUM, call_out, has_failed
 from .energy import open_account
-from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
+from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, PRESTRESS, STORED
 from .half_solves import refers
 from .indicator import cross_of_classes, work_of_error
 from .iteration import begin_window, iterate, precise, rewind
@@ -374,5 +374,6 @@ def open_accounts(pools: Any) -> None:
         row = pools.classes[c]
         for j in range(row.m * row.accounted):
             stored += pools.moving[row.totals + KINETIC * row.m + j] + pools.moving[row.totals + ELASTIC * row.m + j]
+            stored += pools.moving[row.totals + PRESTRESS * row.m + j]
     works[:] = 0.0
     works[STORED] = stored

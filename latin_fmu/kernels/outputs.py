@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import contact_status
-from .energy_parts import ELASTIC, KINETIC, N_TERM, TERMS
+from .energy_parts import ELASTIC, KINETIC, N_TERM, PRESTRESS, TERMS
 from .local_stage import parameters_at
 from .matrices import add_matrix
 
@@ -194,7 +194,8 @@ def set_energies(pools: Any, row: int, energies: Array) -> None:
             for j in range(of.m):
                 energies[term] += moving[at + j]
     if row == 0:
-        moving[progress + 4] = energies[KINETIC] + energies[ELASTIC]  # the balance counts from t = 0
+        # the balance counts from t = 0
+        moving[progress + 4] = energies[KINETIC] + energies[ELASTIC] + energies[PRESTRESS]
         moving[progress + 5] = 0.0
     else:
         moving[progress + 5] += run.dt * friction_power(pools, row)

@@ -40,7 +40,7 @@ from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, UNRELAXED = range(6)
+MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING, UNRELAXED, GEOMETRIC = range(7)
 """Matrices of ``add_product``."""
 FORWARD, BACKWARD, VECTORS, PRODUCT, DENSE = range(100, 105)
 """Actions of ``leaf``."""
@@ -230,6 +230,40 @@ def _backward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, w
 
 # -- products ---------------------------------------------------------------------------------------------------------
 @kernel
+def _part(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
+    """Rows and places likewise (``_matrix``) of a part of C or K."""
+    if which == LANDING:
+        return (
+            row.landing_rows,
+            row.landing_starts,
+            row.landing_columns,
+            row.landing_values,
+            row.landing_diagonal,
+            row.landing_together,
+            row.landing_parts,
+        )
+    if which == UNRELAXED:
+        return (
+            row.unrelaxed_rows,
+            row.unrelaxed_starts,
+            row.unrelaxed_columns,
+            row.unrelaxed_values,
+            row.unrelaxed_diagonal,
+            row.unrelaxed_together,
+            row.unrelaxed_parts,
+        )
+    return (
+        row.geometric_rows,
+        row.geometric_starts,
+        row.geometric_columns,
+        row.geometric_values,
+        row.geometric_diagonal,
+        row.geometric_together,
+        row.geometric_parts,
+    )
+
+
+@kernel
 def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
     """Rows of a matrix of a class; places of its starts, columns, values, diagonal, rows together and parts."""
     if which == STIFFNESS:
@@ -262,26 +296,8 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
             row.dashpots_together,
             row.dashpots_parts,
         )
-    if which == LANDING:
-        return (
-            row.landing_rows,
-            row.landing_starts,
-            row.landing_columns,
-            row.landing_values,
-            row.landing_diagonal,
-            row.landing_together,
-            row.landing_parts,
-        )
-    if which == UNRELAXED:
-        return (
-            row.unrelaxed_rows,
-            row.unrelaxed_starts,
-            row.unrelaxed_columns,
-            row.unrelaxed_values,
-            row.unrelaxed_diagonal,
-            row.unrelaxed_together,
-            row.unrelaxed_parts,
-        )
+    if which != MASS:
+        return _part(row, which)
     return (
         row.mass_rows,
         row.mass_starts,

@@ -246,9 +246,10 @@ class SubstructureHistory:
     time : (n_stored,) instants at which the fields below are kept, s.
     displacement, velocity : (n_stored, n_node, 3), m and m s-1.
     stress : (n_stored, n_cell, 6) mean stress of each element, Pa, order xx yy zz yz xz xy.
-    energy : per instant of the whole run (n_time,), J, keys ``kinetic``, ``elastic``, ``work_of_loads``,
-        ``interface_work`` (work of the interface tractions on this substructure), ``damping_dissipation``,
-        ``landing_dissipation``, ``scheme_dissipation``; work and dissipation accumulate from the start.
+    energy : per instant of the whole run (n_time,), J, keys ``kinetic``, ``elastic`` (of the strains), ``prestress``
+        (of the geometric stiffness), ``work_of_loads``, ``interface_work`` (work of the interface tractions on this
+        substructure), ``damping_dissipation``, ``landing_dissipation``, ``scheme_dissipation``; work and dissipation
+        accumulate from the start.
     marks : of the nodes, where fields are kept.
     """
 

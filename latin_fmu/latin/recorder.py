@@ -30,6 +30,7 @@ from .outcome import (
 )
 from .part import Part
 from .probes import SERIES, OutputRequest, Probes, nodes_of, reaction_histories, sensor_histories
+from .status import stored_energy
 
 _WATCHED: Final = 500  # instants at which the stresses of bodies with a yield stress are looked at, at most
 _SMALL: Final = 20_000  # dofs of all nodes up to which the kernels keep the fields of many instants
@@ -477,8 +478,8 @@ def energy_balance(
 ) -> dict[str, Array]:
     """Sums over the substructures, dissipation of the interfaces, balance, each (n_time,), J.
 
-    balance = change of (kinetic + elastic) + damping + landing + scheme - work of loads - interface work. The
-    interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy
+    balance = change of (kinetic + elastic + prestress) + damping + landing + scheme - work of loads - interface work.
+    The interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy
     + drift work, but for the different weights of the instants in these terms (friction takes the end of each
     instant, so that it never decreases) and for the normal part of the drift work, which is a part of the contact
     dissipation too. The drift work is what the iteration, which stops at a tolerance, does against the laws.
@@ -505,7 +506,7 @@ def energy_balance(
         weights = assembly.scheme.traction_weights()
         works = [ground_work(series[i]["force"], ground.travel[i][:n], weights) for i in ground.velocity]
         total["ground_work"] = sum(works, np.zeros(n))
-    stored = total["kinetic"] + total["elastic"]
+    stored = stored_energy(total)
     # each term is computed on its own: 0 up to round-off
     total["balance"] = (
         stored

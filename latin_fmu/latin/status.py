@@ -28,6 +28,13 @@ _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipati
 _CANCELLED = 1e-6  # of the work of the interfaces
 
 
+def stored_energy(energy: Mapping[str, Array]) -> Array:
+    """What bodies have stored by a balance of energies (n_time,), J: kinetic, of the strains, and of the geometric
+    stiffness."""
+    stored: Array = energy["kinetic"] + energy["elastic"] + energy["prestress"]
+    return stored
+
+
 class Account(NamedTuple):
     """The account of the energies of all bodies at the end of a run, J: its sum, which is zero but for round-off, the
     size of its largest term, and what is negligible (``round_off``)."""
@@ -103,12 +110,12 @@ def with_energy(
 
     Parameters
     ----------
-    energy : terms (n_time,) of the assembly, J; None where they are not accounted for. stored : kinetic and elastic
-        energy at t = 0, J, where ``time`` begins later. negligible : work that round-off can do, J (``round_off``).
+    energy : terms (n_time,) of the assembly, J; None where they are not accounted for. stored : energy of the
+        bodies at t = 0, J, where ``time`` begins later. negligible : work that round-off can do, J (``round_off``).
     """
     if energy is None or not len(time):
         return converged, sentence
-    now = energy["kinetic"] + energy["elastic"]
+    now = stored_energy(energy)
     if stored is None:
         before = float(now[0])
     else:

@@ -476,10 +476,8 @@ def _hot_at_start(scene: Scene) -> Iterator[Problem]:
             )
 
 
-def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
-    for what, value, least, most in (("modes", n_mode, 0, MAX_STATES // 2), ("patches", n_patch, 1, MAX_PATCHES)):
-        if not least <= value <= most:
-            yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
+def _otherwise_started(scene: Scene) -> Iterator[Problem]:
+    """Starts, and motions, that a reduced model does not have."""
     if scene.time.quasi_static:
         yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "omit it")
     for name in scene.bolt:
@@ -490,6 +488,21 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
         yield Problem(
             "time.start", "a reduced model starts from the values given", "static", "given", 'set time.start = "given"'
         )
+    if scene.effects.prestress == "on":
+        yield Problem(
+            "effects.prestress",
+            "a reduced model does not have the stiffness of the stress at t = 0",
+            "on",
+            "automatic, off",
+            "omit it, or make an FMU for co-simulation (without --model-exchange)",
+        )
+
+
+def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
+    for what, value, least, most in (("modes", n_mode, 0, MAX_STATES // 2), ("patches", n_patch, 1, MAX_PATCHES)):
+        if not least <= value <= most:
+            yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
+    yield from _otherwise_started(scene)
     yield from _hot_at_start(scene)
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):

@@ -19,7 +19,7 @@ from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
-from .model import Array, Index, unrelaxed_part
+from .model import Array, Index, geometric_part, unrelaxed_part
 from .patches import EXACT, OF_INVERSE, OF_RESPONSE, Patches, in_patches
 
 Row = dict[str, int]
@@ -285,6 +285,8 @@ def _put_matrices(block: BlockLayout, row: Row, propagator: Any, halves: Halves)
     if _kind(propagator.scheme) != STATIC:
         unrelaxed = unrelaxed_part(propagator.members[0])
         matrices |= {"mass": ops.mass, "damping": ops.damping, "unrelaxed": unrelaxed}
+    if propagator.energy:
+        matrices["geometric"] = geometric_part(propagator.members[0])
     for name, matrix in matrices.items():
         put_symmetric(block, row, name, matrix, halves)
 
@@ -417,6 +419,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
         return
     matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
     matrices |= {"landing": landing, "unrelaxed": model.unrelaxed if len(model.branches) else None}
+    matrices["geometric"] = model.geometric
     for name, matrix in matrices.items():
         if matrix is None:
             # a matrix without entries, so that the energies read rows of every kind

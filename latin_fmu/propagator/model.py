@@ -298,6 +298,10 @@ class SubstructureModel:
     """(n_full, n_full) part of the stiffness whose springs have no branches: the geometric one, and in groups that of
     bodies that do not relax; None where all have."""
 
+    geometric: sp.csr_array | None = field(default=None)
+    """(n_full, n_full) part of the stiffness that is geometric, with a term of its own among the energies; None where
+    there is none."""
+
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
 
@@ -485,6 +489,11 @@ def unrelaxed_part(model: SubstructureModel) -> sp.csr_array | None:
         model.__dict__["_unrelaxed"] = _reduced(model.expansion, model.unrelaxed)
     matrix: sp.csr_array | None = model.__dict__.get("_unrelaxed")
     return matrix
+
+
+def geometric_part(model: SubstructureModel) -> sp.csr_array | None:
+    """The geometric stiffness of the reduced dofs, (n, n); None where there is none."""
+    return None if model.geometric is None else _reduced(model.expansion, model.geometric)
 
 
 def relaxing_part(model: SubstructureModel) -> sp.csr_array:

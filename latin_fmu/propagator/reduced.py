@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor, InterfaceFactor
 from ..time_scheme import TimeScheme
 from .base import Propagator
-from .model import Array, Index, LoadTerm, SubstructureModel, closest_reduced, operator_weights
+from .model import Array, Index, LoadTerm, SubstructureModel, closest_reduced, operator_weights, unrelaxed_part
 from .reduction import modal_damping, reduce_model
 
 
@@ -108,23 +108,25 @@ class ReducedPropagator(Propagator):
         c_mass, c_damping, c_stiffness = operator_weights(model, scheme, dt)
         # coordinates are orthonormal in the mass
         a = c_mass + c_stiffness * diagonal
-        damp, inverse = None, 1.0 / a
-        if damping is not None:
-            damp = damping.toarray()
-            # damping couples the coordinates
-            inverse = la.inv(np.diag(a) + c_damping * damp)
+        damp, unrelaxed = None if damping is None else damping.toarray(), unrelaxed_part(model)
+        coupling = None if damp is None else c_damping * damp
+        if unrelaxed is not None:
+            # it has no branches
+            without = (scheme.operator(dt)[2] - c_stiffness) * unrelaxed.toarray()
+            coupling = without if coupling is None else coupling + without
         trace: Array = (model.trace @ model.expansion).toarray()
-        if damp is None:
-            scaled = inverse[:, None] * trace.T
+        if coupling is None:
+            scaled = (1.0 / a)[:, None] * trace.T
         else:
-            scaled = inverse @ trace.T
+            # of the coordinates
+            scaled = la.inv(np.diag(a) + coupling) @ trace.T
         compliance = scheme.interface_gain(dt) * scheme.traction_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
         # products of rounded factors: symmetric to round-off
         symmetric = 0.5 * (compliance + compliance.T)
         factor: InterfaceFactor = DiagonalFactor(a)
-        if damp is not None:
-            factor = CholeskyFactor(sp.csr_array(np.diag(a) + c_damping * damp), dofs)
+        if coupling is not None:
+            factor = CholeskyFactor(sp.csr_array(np.diag(a) + coupling), dofs)
         return ReducedOperators(
             diagonal,
             damp,
@@ -227,6 +229,8 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
         mass=sp.csr_array(mass),
         damping=damping,
         stiffness=sp.csr_array(stiffness),
+        unrelaxed=None if model.unrelaxed is None else sp.csr_array(projected(model.unrelaxed)),
+        geometric=None if model.geometric is None else sp.csr_array(projected(model.geometric)),
         expansion=sp.csr_array(np.eye(m + n_motion)[:, :m]),
         trace=sp.csr_array(model.trace @ shapes),
         imposed_pattern=np.eye(m + n_motion)[:, m:],

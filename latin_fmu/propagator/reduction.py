@@ -11,6 +11,10 @@ and is turned into Ritz vectors: mass-orthonormal, stiffness diagonal. Modes tha
 and no dashpot can excite are left out: they stay at rest. Damping in proportion to M and K couples no modes. Groups of
 equal eigenvalues are kept whole. A constraint mode of an interface dof is a sum of static responses and rigid motions,
 so that with one shape per channel the span holds that of Craig and Bampton's constraint modes.
+
+With a geometric stiffness K_sigma the motions R, Phi and X are those of K alone, as a body that others hold may be
+unstable by itself, X has the responses to K_sigma R and K_sigma Phi as well, and the stiffness in their span is that of
+K + K_sigma.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from .model import Array, SubstructureModel, closest_reduced, reduced_ordering
+from .model import Array, SubstructureModel, closest_reduced, geometric_part, reduced_ordering
 from .vibration import Vibration
 
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
@@ -98,7 +102,8 @@ class ReducedModel:
     Attributes
     ----------
     basis : (n_full, m), mass-orthonormal: the reduced mass is the unit matrix. kg-1/2.
-    eigenvalues : (m,) diagonal of the reduced stiffness, ascending, exactly 0 for rigid motions, s-2.
+    eigenvalues : (m,) diagonal of the reduced stiffness, ascending, exactly 0 for rigid motions that no geometric
+        stiffness acts on, s-2.
     damping : (m, m) s-1, None where the model has none.
     trace : (n_channel, m) from q' to the velocities of the interface channels.
     area : (n_channel,) of the channels, m2.
@@ -154,7 +159,10 @@ def reduce_model(
         raise ValueError("some free directions carry no mass")
     if not mass.shape[0]:
         raise ValueError("nothing is free to move")
-    body = Vibration(stiffness, mass, reduced_ordering(model))
+    geometric = geometric_part(model)
+    # with its geometric stiffness a body that others hold may be unstable, and turns of it have a stiffness
+    elastic_part = stiffness if geometric is None else sp.csr_array(stiffness - geometric)
+    body = Vibration(elastic_part, mass, reduced_ordering(model))
     # the closest start that the conditions allow
     start = closest_reduced(e, np.column_stack([model.displacement, model.velocity]))
     forces = _forces(model, shapes)
@@ -173,13 +181,19 @@ def reduce_model(
             break
         # what moves others is moved by them
         excited = np.column_stack([excited, coupling])
+    if geometric is not None:
+        # what its forces do to first order
+        coupling = np.column_stack([coupling, _unit(np.asarray(geometric @ np.column_stack([rigid, modes])))])
     eigenvalues, elastic = ritz_vectors(body, rigid, modes, np.column_stack([forces, coupling]))
     q = np.column_stack([_excitable(rigid, excited), elastic])
+    # 0 to the bit for rigid motions
+    values = np.concatenate([np.zeros(q.shape[1] - len(eigenvalues)), eigenvalues])
+    if geometric is not None:
+        values, turn = la.eigh(q.T @ (stiffness @ q))
+        q = q @ turn
     # signs by a rule: eigenvectors of two machines may differ in theirs
     q = q * _signs(q)
     full = e @ q
-    # 0 to the bit for rigid motions
-    values = np.concatenate([np.zeros(q.shape[1] - len(eigenvalues)), eigenvalues])
     return ReducedModel(
         basis=full,
         eigenvalues=values,
@@ -214,7 +228,7 @@ def ritz_vectors(body: Vibration, rigid: Array, modes: Array, forces: Array) -> 
 def modal_damping(model: SubstructureModel, eigenvalues: Array) -> Array:
     """2 zeta omega (m,), s-1, of Ritz vectors with these eigenvalues, s-2; 0 for rigid motions and above the limit."""
     ratio, below = model.modal or (0.0, 0.0)
-    omega = np.sqrt(eigenvalues)
+    omega = np.sqrt(np.maximum(eigenvalues, 0.0))
     return np.where(omega <= 2.0 * np.pi * below, 2.0 * ratio * omega, 0.0)
 
 

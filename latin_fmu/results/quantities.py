@@ -371,7 +371,8 @@ BOLT_END: Final = rows(
 ENERGY: Final = rows(
     """
     kinetic              | J | time | kinetic energy
-    elastic              | J | time | elastic energy
+    elastic              | J | time | elastic energy of the strains
+    prestress            | J | time | energy of the geometric stiffness of the stress at t = 0
     work_of_loads        | J | time | work of the loads since the start of the run
     interface_work       | J | time | work of the interface tractions on the substructures since the start of the run
     friction_dissipation | J | time | energy dissipated by friction since the start of the run

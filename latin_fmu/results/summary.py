@@ -145,7 +145,8 @@ def _energy(outcome: Outcome, units: UnitSystem) -> str:
     else:
         share = "0"
     text = f"balance closed to {share} of the largest term ({readable(largest, units.label('J'))})"
-    for key in ("friction_dissipation", "contact_dissipation", "landing_dissipation", "scheme_dissipation"):
+    dissipations = "friction_dissipation", "contact_dissipation", "landing_dissipation", "scheme_dissipation"
+    for key in ("prestress", *dissipations):
         if key in energy and energy[key][-1] != 0.0:
             text += f"; {key.replace('_', ' ')} {readable(float(energy[key][-1]), units.label('J'), 3)}"
     return text

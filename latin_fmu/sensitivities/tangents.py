@@ -22,6 +22,7 @@ from ..assembly.problem import DiscretisedProblem
 from ..assembly.yielding_bolts import Yielding
 from ..building import discretise
 from ..errors import Problem, SceneError, SolverError, listed
+from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Layout
 from ..latin.probes import BoltPlace, OutputRequest
 from ..latin.recorder import Recorder
@@ -59,6 +60,9 @@ from .tangent_run import SolvedFields, TangentRun
 
 _STEP: Final = 1e-4
 """Change of a parameter over its value in the differences of data; of one that is 0 the change itself."""
+_UNCHANGED: Final = 1e-9
+"""Of the largest displacement of a start, its change by a parameter over its value that is round-off."""
+_ON_LIMIT: Final = 1e-6  # share of the friction limit
 _Matrices = tuple[sp.csr_array | None, ...]
 
 
@@ -201,6 +205,19 @@ class Tangents:
         ------
         SolverError : an instant has no unique derivative.
         """
+        parameters, states = self.parameters, self._placed(self._at_start(progress))
+        motion = self.motion(run)
+        if motion.ready.reduced is None:
+            found = [*_histories(_march(motion, parameters, states, progress), len(parameters))]
+        else:
+            found = marched_by_modes(motion, cast(Recorder, run.marched), parameters, states, progress)
+        return [
+            HistoryChanges(p.name, p.value, of.interfaces, of.sensors, of.bolts, friction_changes(p))
+            for p, of in zip(parameters, found, strict=True)
+        ]
+
+    def _at_start(self, progress: Callable[[int, int], None] | None = None) -> list[StateChange]:
+        """The derivatives of the end of the static stages (parameters, errors: ``march``)."""
         parameters, states = self.parameters, [StateChange() for _ in self.parameters]
         for stage in self.stages:
             if progress is not None:
@@ -217,16 +234,34 @@ class Tangents:
                 remedy += "an interface from the side that has fewer (points_from)"
                 raise SolverError(f"{error}, {where}; {remedy}") from None
             states = [_state_after(stage, ended, i, p, states[i]) for i, p in enumerate(parameters)]
-        states = self._placed(states)
-        motion = self.motion(run)
-        if motion.ready.reduced is None:
-            found = [*_histories(_march(motion, parameters, states, progress), len(parameters))]
-        else:
-            found = marched_by_modes(motion, cast(Recorder, run.marched), parameters, states, progress)
-        return [
-            HistoryChanges(p.name, p.value, of.interfaces, of.sensors, of.bolts, friction_changes(p))
-            for p, of in zip(parameters, found, strict=True)
-        ]
+        return states
+
+    def stressed(self, problem: DiscretisedProblem, start: InitialState) -> Tangents:
+        """The derivatives of a run with the stiffness of the stress of its start; ``problem`` : with it.
+
+        That stiffness is that of the static start, whose derivative must be 0, as its own is not known.
+
+        Raises
+        ------
+        SceneError : a parameter that changes the start. SolverError : as for ``march``.
+        """
+        largest = max((float(np.abs(u).max(initial=0.0)) for u in start.displacement.values()), default=0.0)
+        slides = _sliding(problem, start)
+        for parameter, state in zip(self.parameters, self._at_start(), strict=True):
+            moved = max((float(np.abs(u).max(initial=0.0)) for u in state.displacement.values()), default=0.0)
+            by_friction = any(friction for name, friction in friction_changes(parameter).items() if name in slides)
+            if moved <= _UNCHANGED * largest and not by_friction:
+                continue
+            raise SceneError.of(
+                "derivatives cannot be taken",
+                "output.sensitivities",
+                "changes the state at t = 0, whose stress has a stiffness in this run: its derivative is not known",
+                parameter.name,
+                "parameters that change the motion alone (loads after t = 0, damping, densities, frictions of joints "
+                "that stick at t = 0)",
+                'omit it, or take the derivatives of the scene without this stiffness by effects.prestress = "off"',
+            )
+        return replace(self, problem=problem)
 
     def _placed(self, states: Sequence[StateChange]) -> list[StateChange]:
         """The derivatives of the start with those of the places of bodies that its equilibrium leaves free, which are
@@ -246,6 +281,20 @@ class Tangents:
             placed = {name: (more[name] - less[name]) / p.span for name in change.displacement}
             changes.append(replace(change, displacement=placed))
         return changes
+
+
+def _sliding(problem: DiscretisedProblem, start: InitialState) -> set[str]:
+    """Interfaces with points on their friction limit in an equilibrium."""
+    found = set[str]()
+    for unit in problem.units:
+        traction, coefficient = start.traction.get(unit.name), coulomb_coefficient(unit.behaviour)
+        if traction is None or not coefficient:
+            continue
+        limit = coefficient * np.maximum(-traction[:, 0], 0.0)
+        shear = np.linalg.norm(traction[:, 1:], axis=1)
+        if (shear > (1.0 - _ON_LIMIT) * limit)[limit > _ON_LIMIT * limit.max(initial=0.0)].any():
+            found.add(unit.name)
+    return found
 
 
 def _histories(run: TangentRun, copies: int) -> Iterator[Marched]:

@@ -31,9 +31,9 @@ from ..assembly.body import Body, body_sides
 from ..assembly.conditions import RigidConditions
 from ..assembly.initial_state import InitialState
 from ..assembly.models import Kept, load_terms
-from ..assembly.prestress import Cuts, Prestress, body_stiffness, rigid_stiffness
+from ..assembly.prestress import Cuts, Prestress, body_stiffness, cut_stresses, rigid_stiffness
 from ..assembly.problem import DiscretisedProblem, settings_of
-from ..errors import SceneError, SolverError
+from ..errors import SceneError, SolverError, listed
 from ..fem.elements import rigid_modes
 from ..fem.mesh import Array
 from ..joined.joined_assembly import JoinedAssembly, pressed_of
@@ -58,7 +58,7 @@ _FAR: Final = 100.0  # load factor of buckling above which it is not named
 
 
 def with_prestress(
-    problem: DiscretisedProblem, state: InitialState | None, amplitudes: Mapping[str, float], restricted: bool = False
+    problem: DiscretisedProblem, state: InitialState | None, amplitudes: Mapping[str, float]
 ) -> tuple[DiscretisedProblem, InitialState | None]:
     """The problem with the geometric stiffness of an equilibrium, and that equilibrium with it; both as they are where
     stress does not count, or the scene leaves it out.
@@ -66,13 +66,12 @@ def with_prestress(
     Parameters
     ----------
     state : of ``starts.undisplaced_equilibrium``. amplitudes : at t = 0, of loads that are set from outside.
-    restricted : whether derivatives are taken, which do not know of it.
 
     Raises
     ------
-    SceneError : the state has buckled; derivatives of a scene in which stress counts.
+    SceneError : the state has buckled.
     """
-    stressed = stressed_problem(problem, state, restricted)
+    stressed = stressed_problem(problem, state)
     if state is None or stressed.prestress is None:
         return problem, state
     return stressed, corrected(stressed, state, amplitudes)
@@ -81,7 +80,8 @@ def with_prestress(
 def stressed_problem(
     problem: DiscretisedProblem, state: InitialState | None, restricted: bool = False
 ) -> DiscretisedProblem:
-    """``with_prestress`` without the correction of the equilibrium: for modes about it."""
+    """``with_prestress`` without the correction of the equilibrium: for modes about it. Refused with a SceneError where
+    stress counts and the problem is ``restricted``, as its derivatives are taken without those of the equilibrium."""
     scene = problem.scene
     choice = scene.effects.prestress
     if state is None or choice == "off" or scene.time.quasi_static:
@@ -89,7 +89,7 @@ def stressed_problem(
     automatic, kept = choice == "automatic", problem.kept
     if automatic and _stout(problem, state):
         return problem
-    stiffness, of_cuts = _stiffnesses(problem, state)
+    stiffness = _stiffnesses(problem, state)
     if not stiffness or (automatic and _known_to_be_small(problem, stiffness)):
         return problem
     ratios = _ratios(problem, state, stiffness)
@@ -102,17 +102,18 @@ def stressed_problem(
         raise SceneError.of(
             "derivatives cannot be taken",
             "effects.prestress",
-            "derivatives do not know the geometric stiffness of the state at t = 0, which changes natural frequencies "
-            f"by up to {_change(ratios)}",
+            "from initial values derivatives do not know the geometric stiffness of what acts at t = 0, which changes "
+            f"natural frequencies by up to {_change(ratios)}",
             choice,
             "off",
-            'set effects.prestress = "off" to take the derivatives of the scene without it',
+            'set time.start = "static", or effects.prestress = "off" to take the derivatives of the scene without it',
         )
     words = _words(ratios)
     remarks = (*problem.remarks, *remarks_of("prestress", [words]))
     period = ratios.period if ratios.largest >= 2.0 * NEGLIGIBLE else np.inf
     pressure = {name: -traction[:, 0] for name, traction in state.traction.items()}
     prestress = Prestress(stiffness, words, period, _drives(problem, stiffness), pressure)
+    of_cuts = _cuts(problem, state)
     stressed = {name: cut.stressed(of_cuts[name]) for name, cut in problem.cuts.items() if name in of_cuts}
     cuts = {**problem.cuts, **stressed}
     return replace(problem, prestress=prestress, cuts=cuts, remarks=remarks).with_classes()
@@ -137,14 +138,15 @@ def stressed_by_loads(
     problem: DiscretisedProblem, at_rest: DiscretisedProblem, amplitudes: Mapping[str, float], restricted: bool = False
 ) -> DiscretisedProblem:
     """The problem of a scene that starts from initial values with the geometric stiffness of the equilibrium that what
-    acts at t = 0 would have, bodies with a velocity left out; as it is where there is no such equilibrium, where its
-    stress does not count, or the scene leaves it out (other parameters and errors: ``with_prestress``).
+    acts at t = 0 would have without them, bodies in flight left out; as it is where there is no such equilibrium, where
+    its stress does not count, or the scene leaves it out (``restricted``, errors: ``stressed_problem``).
 
     at_rest : from ``loaded_at_rest``. The motion is about that state and does not begin in it: loads that are there at
     t = 0 act at once.
     """
     try:
         state = undisplaced_equilibrium(at_rest, amplitudes)
+        assert state is not None, "something acts"
     except (SceneError, SolverError) as error:
         words = f"what acts at t = 0 has no equilibrium whose stress would have a stiffness: {error}"
         return replace(problem, remarks=(*problem.remarks, *remarks_of("prestress", [words])))
@@ -152,6 +154,8 @@ def stressed_by_loads(
     if stressed.prestress is None:
         return problem
     words = "the motion begins from initial values, and the stress is that of the equilibrium of what acts at t = 0"
+    if flying := [name for name in problem.bodies if name not in state.displacement]:
+        words += f"; in flight, without stress: {listed(flying)}"
     remarks = (*stressed.remarks, *remarks_of("prestress", [words]))
     return replace(problem, prestress=stressed.prestress, cuts=stressed.cuts, remarks=remarks).with_classes()
 
@@ -237,10 +241,9 @@ def _distance(first: InitialState, second: InitialState) -> float:
     return apart / largest
 
 
-def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> tuple[dict[str, sp.csr_array], Cuts]:
-    """K_sigma of every body that the state stresses, by name, and what it adds to the cuts of bolts."""
+def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> dict[str, sp.csr_array]:
+    """K_sigma of every body that the state stresses, by name."""
     matrices: dict[str, sp.csr_array] = {}
-    cuts: Cuts = {}
     for name, body in problem.bodies.items():
         if name not in state.displacement:
             continue
@@ -249,11 +252,20 @@ def _stiffnesses(problem: DiscretisedProblem, state: InitialState) -> tuple[dict
             matrix = _of_rigid(problem, state, body)
         else:
             opened = problem.opened(name, state.bolts.shortening)
-            matrix, of_cuts = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
-            cuts |= of_cuts
+            matrix = body_stiffness(body, state.displacement[name], _unstrained(problem, body), opened)
         if matrix is not None and matrix.count_nonzero():
             matrices[name] = matrix
-    return matrices, cuts
+    return matrices
+
+
+def _cuts(problem: DiscretisedProblem, state: InitialState) -> Cuts:
+    """What K_sigma adds to the cuts of bolts, by bolt."""
+    cuts: Cuts = {}
+    for name, body in problem.bodies.items():
+        opened = problem.opened(name, state.bolts.shortening) if name in state.displacement else None
+        if opened is not None and not body.rigid:
+            cuts |= cut_stresses(body, state.displacement[name], _unstrained(problem, body), opened)
+    return cuts
 
 
 def _unstrained(problem: DiscretisedProblem, body: Body) -> Array:

@@ -126,6 +126,7 @@ def test_what_has_no_reduced_model_is_said_at_once():
         boundary={"lift": {"type": "velocity", "face": "upper.zmax", "components": ["z"], "value": [1.0]}},
         load={},
         time={"end": 6e-6, "step": 0.2e-6, "quasi_static": True},
+        effects={"prestress": "on"},
     )
     with pytest.raises(SceneError) as error:
         reduced_system(scene, -1, 0)
@@ -134,6 +135,7 @@ def test_what_has_no_reduced_model_is_said_at_once():
         "modes",
         "patches",
         "time.quasi_static",
+        "effects.prestress",
         "interface.meet.behaviour",
         "interface.stick.sides",
         "boundary.lift.type",

@@ -176,3 +176,45 @@ def _numbers(annotation: Any) -> bool:
     """Whether a type is that of three numbers."""
     inner = [(a, *get_args(a))[:2] for a in get_args(annotation)]
     return getattr(annotation, "__origin__", None) is tuple and all(float in pair for pair in inner)
+
+
+def pressed_stack() -> Tables:
+    """Three slender parts on each other at half of the load at which they buckle, tapped from the side."""
+    side, height = 0.004, 0.04
+    box = {"size": [side, side, height], "elements": [2, 2, 6]}
+    parts = {f"p{i}": box | {"origin": [0.0, 0.0, height * i]} for i in range(3)}
+    law = {"type": "half_sine", "duration": 4e-4}
+    return {
+        "name": "pressed_stack",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {n: {"material": "steel", "bending_modes": True, "box": b} for n, b in parts.items()},
+        "interface": {
+            f"i{i}": {"sides": [f"p{i - 1}.zmax", f"p{i}.zmin"], "friction_coefficient": 0.3} for i in (1, 2)
+        },
+        "boundary": {"base": {"type": "fixed", "face": "p0.zmin"}},
+        "load": {
+            "clamp": {"face": "p2.zmax", "traction": [0.0, 0.0, -400.0 / side**2], "law": "constant"},
+            "tap": {"face": "p2.xmax", "force": [0.2, 0.05, 0.0], "law": law},
+        },
+        "sensor": {"top": {"substructure": "p2", "point": [side, side / 2, 3 * height]}},
+        "output": {"energy": True},
+        "solver": {"tolerance": 1e-6},
+        "time": {"end": 2e-3, "step": 2e-5, "start": {"type": "static"}},
+    }
+
+
+# twice all loads are twice the stress, and another stiffness
+LINEAR_ALONE: Final = ("doubled",)
+QUICK: Final = ("turned", "other units", "reduced")
+
+
+@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["quick", "all"])
+def test_no_answer_with_the_stiffness_of_stress_depends_on_the_description(quick: bool, tmp_path: Path) -> None:
+    tables, pairs = pressed_stack(), Pairs()
+    scene = latin_fmu.scene_from_dict(tables)
+    assert any("changes natural frequencies" in warning for warning in latin_fmu.solve(scene).warnings)
+    base = run(tables, tmp_path)
+    for name, relation in RELATIONS.items():
+        if name in QUICK or not (quick or relation.costly or name in LINEAR_ALONE):
+            pairs.add(0, tables, base, relation, tmp_path)
+    printed(pairs).check()

@@ -98,6 +98,7 @@ def _energy(time: Array) -> dict[str, Array]:
     return {
         "kinetic": 0.4 * work,
         "elastic": 0.45 * work,
+        "prestress": np.zeros_like(work),
         "work_of_loads": work,
         "interface_work": -0.01 * work,
         "damping_dissipation": np.zeros_like(work),

@@ -3,6 +3,8 @@ out."""
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -111,13 +113,13 @@ CALCULIX = {
 }
 
 
-@pytest.mark.parametrize("case", CALCULIX)
-def test_heated_parts_ring_as_in_calculix(case: str, tmp_path: Path) -> None:
-    cell, size, elements, change, expected = CALCULIX[case]
-    write_mesh(tmp_path / "part.msh", typed_box(cell, np.zeros(3), np.array(size), tuple(elements)), lambda x: x)
+def heated(case: str, folder: Path) -> latin_fmu.Scene:
+    """A part held at its ends, or at all sides, under heat."""
+    cell, size, elements, change, _ = CALCULIX[case]
+    write_mesh(folder / "part.msh", typed_box(cell, np.zeros(3), np.array(size), tuple(elements)), lambda x: x)
     faces = ["xmin", "xmax", *(["ymin", "ymax"] if size[0] == size[1] else [])]
     part = {"material": "steel", "mesh": {"file": "part.msh"}, "bending_modes": cell == "hexahedron"}
-    scene = latin_fmu.scene_from_dict(
+    return latin_fmu.scene_from_dict(
         {
             "name": "heated",
             "material": {"steel": STEEL},
@@ -126,29 +128,108 @@ def test_heated_parts_ring_as_in_calculix(case: str, tmp_path: Path) -> None:
             "temperature": {"heat": {"change": change}},
             "time": {"end": 1e-3, "step": 1e-5, "start": START},
         },
-        tmp_path,
+        folder,
     )
-    found = latin_fmu.vibration_modes(scene, count=2).frequency
+
+
+@pytest.mark.parametrize("case", CALCULIX)
+def test_heated_parts_ring_as_in_calculix(case: str, tmp_path: Path) -> None:
+    expected = CALCULIX[case][-1]
+    found = latin_fmu.vibration_modes(heated(case, tmp_path), count=2).frequency
     assert found == pytest.approx(expected, rel=3e-3)
     assert found[0] == pytest.approx(expected[0], rel=1.2e-3)
 
 
-def test_a_column_buckles_as_in_calculix(tmp_path: Path) -> None:
-    write_mesh(tmp_path / "part.msh", typed_box("tetra10", np.zeros(3), np.array([0.1, 0.01, 0.002]), (20, 2, 1)))
-    scene = latin_fmu.scene_from_dict(
+def column(folder: Path, cell: str = "tetra10") -> latin_fmu.Scene:
+    """A cantilever under a pressure on its end."""
+    write_mesh(folder / "part.msh", typed_box(cell, np.zeros(3), np.array([0.1, 0.01, 0.002]), (20, 2, 1)))
+    part = {"material": "steel", "mesh": {"file": "part.msh"}, "bending_modes": cell == "hexahedron"}
+    return latin_fmu.scene_from_dict(
         {
             "name": "column",
             "material": {"steel": STEEL},
-            "substructure": {"part": {"material": "steel", "mesh": {"file": "part.msh"}}},
+            "substructure": {"part": part},
             "boundary": {"root": {"type": "fixed", "face": "part.xmin"}},
             "load": {"push": {"face": "part.xmax", "pressure": 5e6, "law": "constant"}},
             "time": {"end": 1e-3, "step": 1e-5, "start": START},
         },
-        tmp_path,
+        folder,
     )
+
+
+COLUMN, FACTOR = [144.9223, 831.5732, 1037.512], 3.499534
+
+
+def test_a_column_buckles_as_in_calculix(tmp_path: Path) -> None:
+    modes = latin_fmu.vibration_modes(column(tmp_path), count=3)
+    assert modes.frequency == pytest.approx(COLUMN, rel=1e-4)
+    assert float(modes.remarks[-1].split("buckles at ")[1].split()[0]) == pytest.approx(FACTOR, rel=5e-3)
+
+
+def by_calculix(scene: latin_fmu.Scene, folder: Path, step: str, count: int) -> list[float]:
+    """Frequencies, Hz, after *STATIC, NLGEOM, or factors of buckling (``step`` FREQUENCY or BUCKLE) of the part of a
+    scene by ccx, on its mesh, with its forces and its change of temperature."""
+    problem = discretise(scene)
+    mesh, (model,) = problem.bodies["part"].mesh, problem.classes[0].members
+    (block,) = mesh.blocks
+    kind = {"hexahedron": "C3D8I", "tetra10": "C3D10", "hexahedron20": "C3D20"}[block.cell_type]
+    lines = ["*NODE, NSET=NALL"]
+    lines += [f"{i}, {x:.12e}, {y:.12e}, {z:.12e}" for i, (x, y, z) in enumerate(mesh.nodes.tolist(), 1)]
+    lines += [f"*ELEMENT, TYPE={kind}, ELSET=ALL"]
+    for i, cell in enumerate(block.cells + 1, 1):
+        numbers = [str(n) for n in (i, *cell.tolist())]
+        lines += [", ".join(numbers[:11]) + ("," if len(numbers) > 11 else "")]
+        lines += [", ".join(numbers[11:])] if len(numbers) > 11 else []
+    held = np.unique(np.concatenate([mesh.faces[b.face.split(".")[1]].nodes for b in scene.boundary.values()])) + 1
+    lines += ["*NSET, NSET=HELD", *(f"{n}," for n in held)]
+    lines += [
+        "*MATERIAL, NAME=M",
+        "*ELASTIC",
+        f"{MODULUS}, 0.3",
+        "*DENSITY",
+        f"{DENSITY}",
+        "*EXPANSION, ZERO=0.",
+        "12e-6",
+    ]
+    lines += ["*SOLID SECTION, ELSET=ALL, MATERIAL=M", "*BOUNDARY", "HELD, 1, 3"]
+    lines += ["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "NALL, 0."]
+    loads = [f"*TEMPERATURE\nNALL, {table.change}" for table in scene.temperature.values()]
+    if scene.load:
+        forces = model.loads[0].pattern.reshape(-1, 3)
+        rows = [f"{i + 1}, {c + 1}, {forces[i, c]:.12e}" for i, c in zip(*np.nonzero(forces), strict=True)]
+        loads.append("\n".join(["*CLOAD", *rows]))
+    if step == "FREQUENCY":
+        lines += ["*STEP, NLGEOM", "*STATIC", *loads, "*END STEP", "*STEP, PERTURBATION", "*FREQUENCY", str(count)]
+    else:
+        lines += ["*STEP", "*BUCKLE", f"{count}, 1e-4", *loads]
+    (folder / "deck.inp").write_text("\n".join([*lines, "*END STEP"]) + "\n", encoding="utf-8")
+    subprocess.run(["ccx", "-i", "deck"], cwd=folder, check=True, capture_output=True, timeout=300)
+    rows = [line.split() for line in (folder / "deck.dat").read_text(encoding="utf-8").splitlines()]
+    width, place = (5, 3) if step == "FREQUENCY" else (2, 1)
+    return [float(row[place]) for row in rows if len(row) == width and row[0].isdigit()][:count]
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
+@pytest.mark.parametrize("case", [*CALCULIX, "column"])
+def test_the_numbers_of_calculix_are_its_own(case: str, tmp_path: Path) -> None:
+    """Those that the tests above compare with, by a run on the same mesh."""
+    if case == "column":
+        scene = column(tmp_path)
+        assert by_calculix(scene, tmp_path, "FREQUENCY", 3) == pytest.approx(COLUMN, rel=1e-5)
+        assert by_calculix(scene, tmp_path, "BUCKLE", 1) == pytest.approx([FACTOR], rel=1e-5)
+        return
+    scene = heated(case, tmp_path)
+    assert by_calculix(scene, tmp_path, "FREQUENCY", 2) == pytest.approx(CALCULIX[case][-1], rel=1e-5)
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
+@pytest.mark.parametrize("cell", ["hexahedron", "hexahedron20"])
+def test_hexahedra_buckle_as_in_calculix(cell: str, tmp_path: Path) -> None:
+    scene = column(tmp_path, cell)
     modes = latin_fmu.vibration_modes(scene, count=3)
-    assert modes.frequency == pytest.approx([144.9223, 831.5732, 1037.512], rel=1e-4)
-    assert "buckles at 3.5 times" in modes.remarks[-1]  # 3.499534
+    assert modes.frequency == pytest.approx(by_calculix(scene, tmp_path, "FREQUENCY", 3), rel=5e-3)
+    (factor,) = by_calculix(scene, tmp_path, "BUCKLE", 1)
+    assert float(modes.remarks[-1].split("buckles at ")[1].split()[0]) == pytest.approx(factor, rel=1e-2)
 
 
 def stack(force: float, end: float = 60e-3, **tables: Any) -> latin_fmu.Scene:
@@ -225,12 +306,51 @@ def test_what_flies_has_no_stress() -> None:
         problem, start = started(discretise(latin_fmu.scene_from_dict(data)), {})
         assert start is None
         assert problem.prestress is None
-        assert any("nothing that acts at t = 0 stresses bodies at rest" in str(remark) for remark in problem.remarks)
+        assert any(
+            "nothing that acts at t = 0 stresses bodies that are held" in str(remark) for remark in problem.remarks
+        )
 
 
-@pytest.mark.parametrize("propagator", ["direct", "modal"])
+def test_a_block_that_stands_has_stress_whatever_its_initial_spin() -> None:
+    """Housner's block with an initial spin about its edge, beside one of the same weight that is thrown: the first
+    rocks as after a kick, under the stress of its weight, and the second has none in flight."""
+    share, half, height = 0.5, ROCKS["half"], ROCKS["height"]
+    radius, angle = _radius()
+    topples = np.sqrt(1.5 * ROCKS["gravity"] / radius * (1.0 - np.cos(angle)))
+    data = rocking(0.0, "on", True).tables()
+    spin = share * topples
+    data["substructure"]["block"] |= {
+        "initial_spin": [0.0, spin, 0.0],
+        # about its lower edge at +x
+        "initial_velocity": [spin * height / 2, 0.0, spin * half],
+    }
+    data["load"] = {}
+    thrown = {"origin": [1.0, 0.0, 0.5], "size": [2 * half, 0.04, height], "elements": [2, 1, 5]}
+    data["substructure"]["thrown"] = {
+        "material": "steel",
+        "rigid": True,
+        "box": thrown,
+        "initial_velocity": [0.0, 0.0, 2.0],
+    }
+    data["time"] = {"end": 0.2, "step": 1e-4}
+    scene = latin_fmu.scene_from_dict(data)
+    problem, start = started(discretise(scene), {})
+    assert start is None
+    assert problem.prestress is not None
+    assert list(problem.prestress.stiffness) == ["block"]
+    solution = latin_fmu.solve(scene)
+    assert any("in flight, without stress: thrown" in warning for warning in solution.warnings)
+    leans = solution.sensors["top"].displacement[:, 0] / height
+    # of small rotations: angle'' = p^2 (angle - a), from 0 with the spin
+    assert leans.max() == pytest.approx(angle * (1.0 - np.sqrt(1.0 - share**2)), rel=1e-2)
+    back = np.flatnonzero((leans[:-1] > 0.0) & (leans[1:] <= 0.0))
+    rate = np.sqrt(0.75 * ROCKS["gravity"] / radius)
+    assert solution.time[back[0]] == pytest.approx(2.0 / rate * np.arctanh(share), rel=1e-2)
+
+
+@pytest.mark.parametrize("propagator", ["direct", "modal", {"type": "reduced", "modes": 10}], ids=str)
 @pytest.mark.parametrize("share", [1.0, -0.5])
-def test_stress_neither_adds_to_damping_nor_takes_from_it(share: float, propagator: str) -> None:
+def test_stress_neither_adds_to_damping_nor_takes_from_it(share: float, propagator: Any) -> None:
     """Damping by strains loses a share of the strain energy: of a string that its tension stiffens to twice the square
     of the frequency half the ratio, of a column at half its buckling load twice."""
     data = pinned(share * EULER).tables()
@@ -438,11 +558,54 @@ def test_a_block_in_flight_keeps_its_spin(side: float) -> None:
         assert np.ptp(turned) > 1e-2 * np.abs(turned).max()
 
 
-def test_the_energy_of_a_stressed_run_closes() -> None:
-    solution = latin_fmu.solve(stack(2000.0, 20e-3, output={"energy": True}, solver={"tolerance": 1e-6}))
-    energy = solution.energy
+MARCHES: Tables = {
+    "direct": {},
+    "damped": {"damping": {"ratio": 0.02, "band": [100.0, 2000.0]}},
+    "reduced": {"solver": {"propagator": {"type": "reduced", "modes": 10}, "tolerance": 1e-6}},
+    "reduced, damped": {
+        "solver": {"propagator": {"type": "reduced", "modes": 10}, "tolerance": 1e-6},
+        "damping": {"ratio": 0.02, "band": [100.0, 2000.0]},
+    },
+    "modal": {"solver": {"propagator": "modal", "tolerance": 1e-6}},
+    "explicit": {
+        "solver": {"propagator": "explicit", "tolerance": 1e-6},
+        "time": {"end": 2e-4, "step": 4e-7, "scheme": "central_difference", "start": START},
+    },
+}
+
+
+@pytest.mark.parametrize("march", MARCHES)
+def test_the_energy_of_stress_is_a_term_of_a_balance_that_closes(march: str) -> None:
+    """It is u.K_sigma u / 2 of the bodies, here by the fields that the run has stored, and negative under a load that
+    presses."""
+    scene = stack(2000.0, 4e-3, **{"output": {"energy": True, "fields": True}, **MARCHES[march]})
+    solution = latin_fmu.solve(scene)
+    problem, _ = started(discretise(scene), {})
+    energy, expected = solution.energy, 0.0
     assert energy is not None
-    assert np.abs(energy["balance"]).max() < 1e-6 * energy["kinetic"].max()
+    assert problem.prestress is not None
+    for name, history in solution.substructures.items():
+        assert history.displacement is not None
+        u = history.displacement.reshape(len(history.displacement), -1)
+        expected = expected + 0.5 * np.einsum("td,dt->t", u, problem.prestress.stiffness[name] @ u.T)
+    term = energy["prestress"]
+    assert term.max() < 0.0
+    stored = np.searchsorted(solution.time, next(iter(solution.substructures.values())).time - 1e-12)
+    assert term[stored] == pytest.approx(expected, rel=1e-6 if march != "modal" else 1e-5)
+    largest = max(float(np.abs(values).max()) for values in energy.values())
+    assert np.abs(energy["balance"]).max() < 1e-10 * largest
+    changes = max(float(np.abs(values - values[0]).max()) for values in energy.values())
+    assert np.abs(energy["balance"]).max() < 1e-6 * changes
+
+
+def test_a_reduced_body_that_rocks_has_the_stiffness_of_its_stress() -> None:
+    """By itself, compressed and held by nothing, it has no positive stiffness: its modes are those without stress."""
+    leans = []
+    for propagator in ({"type": "direct"}, {"type": "reduced", "modes": 6}):
+        data = rocking(0.5, "on", False).tables()
+        data["solver"]["propagator"] = propagator
+        leans.append(latin_fmu.solve(latin_fmu.scene_from_dict(data)).sensors["top"].displacement[:, 0])
+    assert np.abs(leans[1] - leans[0]).max() < 5e-3 * leans[0].max()
 
 
 def test_a_session_steps_with_the_stress_of_its_start() -> None:
@@ -500,10 +663,41 @@ def test_bodies_of_unequal_stress_share_no_operators() -> None:
     assert latin_fmu.vibration_modes(scene, count=2).frequency == pytest.approx(sorted(one.values()), rel=1e-7)
 
 
-def test_derivatives_of_a_stressed_scene_are_refused() -> None:
-    scene = pinned(EULER, output={"sensitivities": ["material.steel.density"]})
-    with pytest.raises(SceneError, match=r"effects\.prestress: derivatives do not know"):
+PUSHED = {"damping": {"ratio": 0.02, "band": [100.0, 2000.0]}, "output": {"check_sensitivities": "none"}}
+
+
+@pytest.mark.parametrize("propagator", ["direct", pytest.param("modal", marks=pytest.mark.slow)])
+def test_derivatives_of_a_stressed_scene_are_those_of_central_differences(propagator: str) -> None:
+    """By what does not change the state at t = 0: a load after it, a ratio of damping, a friction that sticks; and, in
+    the march of the bodies, a density."""
+    names = ["load.tap.force.0", "damping.ratio", "interface.i2.friction_coefficient"]
+    names += ["material.steel.density"] if propagator == "direct" else []
+    scene = stack(2000.0, 2e-3, solver={"propagator": propagator, "tolerance": 1e-9}, **PUSHED)
+    solution = latin_fmu.solve(scene.replace("output.sensitivities", names))
+    assert any("changes natural frequencies" in warning for warning in solution.warnings)
+    by_name = {d.name: d for d in solution.sensitivities.derivatives}
+    for name in names:
+        value, step = by_name[name].value, 1e-3
+        more, less = (latin_fmu.solve(scene.replace(name, value * (1.0 + sign * step))) for sign in (1.0, -1.0))
+        a, b = (s.sensors["top"].velocity for s in (more, less))
+        expected, own = (a - b) / (2.0 * step), by_name[name].sensors["top"].velocity
+        size = np.abs(expected).max() if "friction" not in name else np.abs(a).max()
+        assert np.abs(own - expected).max() < 1e-3 * size, name
+
+
+@pytest.mark.parametrize("name", ["load.clamp.pressure", "material.steel.young_modulus"])
+def test_derivatives_by_what_changes_the_stress_are_refused(name: str) -> None:
+    scene = stack(2000.0, 2e-3, output={"sensitivities": [name]})
+    with pytest.raises(SceneError, match=r"changes the state at t = 0, whose stress has a stiffness"):
         latin_fmu.solve(scene)
+
+
+def test_derivatives_from_initial_values_are_refused_where_stress_counts() -> None:
+    data = pinned(EULER, output={"sensitivities": ["material.steel.density"]}).tables()
+    data["time"] = {"end": 2e-3, "step": 2e-5}
+    data["effects"] = {"prestress": "on"}
+    with pytest.raises(SceneError, match=r"effects\.prestress: from initial values derivatives do not know"):
+        latin_fmu.solve(latin_fmu.scene_from_dict(data))
 
 
 def test_the_matrix_of_a_stressed_box() -> None:

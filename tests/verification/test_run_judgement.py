@@ -174,7 +174,7 @@ def test_the_message_on_gained_energy_has_the_numbers_of_its_test() -> None:
     """The sum of the dissipations against half of the energy put in, computed here from the same terms."""
     time, zero = np.array([0.0, 1.0, 2.0]), np.zeros(3)
     energy = dict.fromkeys(("elastic", "work_of_loads", "interface_work", "damping_dissipation"), zero)
-    energy |= dict.fromkeys(("landing_dissipation", "friction_dissipation", "contact_dissipation"), zero)
+    energy |= dict.fromkeys(("prestress", "landing_dissipation", "friction_dissipation", "contact_dissipation"), zero)
     energy |= {"kinetic": np.array([2.0, 2.9, 3.2]), "scheme_dissipation": np.array([0.0, -0.9, -1.2])}
     converged, sentence = with_energy(True, "converged", time, energy)
     assert not converged
