@@ -101,11 +101,12 @@ def test_a_state_has_the_friction_of_its_time() -> None:
     # before the start, too
     other.reset()
     assert other.parameter(FRICTION) == 0.2
-    other.set_parameter(FRICTION, 0.1)
-    before = other.snapshot()
-    other.set_parameter(FRICTION, 0.4)
-    other.restore(before)
-    assert other.parameter(FRICTION) == 0.1
+    for session in (other, Session(blocks())):
+        session.set_parameter(FRICTION, 0.1)
+        before = session.snapshot()
+        session.set_parameter(FRICTION, 0.4)
+        session.restore(before)
+        assert session.parameter(FRICTION) == 0.1
 
 
 @pytest.mark.parametrize(

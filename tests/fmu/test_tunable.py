@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import zipfile
 from contextlib import closing
 from pathlib import Path
@@ -14,6 +15,7 @@ from fmu_build.build import build_fmu
 from latin_fmu import scene_from_dict
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
+from latin_fmu.cosim.table_file import checksum
 from tests.cosim.scenes import blocks
 from tests.cosim.test_tunable import sliding
 
@@ -102,6 +104,40 @@ def test_in_prescribed_mode_friction_is_set_before_the_start(compiled_fmus: dict
         setter = host.fmu.setFloat64
         assert host.status(setter, [host.reference(FRICTION)], [0.3]) == 3
         assert "in prescribed mode the whole interval was solved before" in host.messages[-1][2]
+
+
+@COMPILED
+def test_a_state_of_prescribed_mode_brings_the_solution_of_its_friction(
+    compiled_fmus: dict[str, Path], tmp_path: Path
+) -> None:
+    rows = []
+    with closing(Host(compiled_fmus["3"], tmp_path / "one")) as one, closing(
+        Host(compiled_fmus["3"], tmp_path / "two")
+    ) as two:  # fmt: skip
+        for host, friction in ((one, 0.05), (two, 0.2)):
+            host.set(mode=1, interface__crush__friction_coefficient=friction)
+            host.set(historyFile="time,press;0,0.25;6e-6,0.6")
+            host.start()
+            assert host.step(0.0, 2e-6)
+        state = one.to_bytes(one.save())
+        two.restore(two.from_bytes(state))
+        for host in (one, two):
+            assert host.step(2e-6, 4e-6)
+            rows.append(host.read(NAMES))
+    np.testing.assert_array_equal(*rows)
+
+
+@COMPILED
+def test_a_state_with_a_friction_that_cannot_be_is_refused(compiled_fmus: dict[str, Path], tmp_path: Path) -> None:
+    odd = 0.123456789
+    with closing(Host(compiled_fmus["3"], tmp_path / "one")) as host:
+        host.start()
+        host.set(interface__crush__friction_coefficient=odd)
+        block = host.to_bytes(host.save())
+        assert block.count(struct.pack("<d", odd)) == 1
+        body = block[16:].replace(struct.pack("<d", odd), struct.pack("<d", -odd))
+        assert host.status(host.from_bytes, block[:8] + struct.pack("<Q", checksum(body)) + body) == 3
+        assert "a parameter in it cannot be" in host.messages[-1][2]
 
 
 @COMPILED
