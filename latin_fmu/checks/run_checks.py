@@ -516,8 +516,8 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
     length, clamps = problem.unit_system["m"], problem.clamps
     for name, history in histories.items():
         noise = _noise(problem, history, time)
-        sunk = history.sunk(noise)
-        if not sunk.any():
+        sunk, with_noise = history.sunk(), history.sunk(noise)
+        if not with_noise.any():
             continue
         approach = problem.flexibility[name] * _mean_pressure(history)
         allowed, whose = np.full(len(sunk), SUNK * approach), np.full(len(sunk), -1)
@@ -525,9 +525,11 @@ def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHisto
             # points within the reach of a bolt: by its shortening, which the approach is no measure of
             under_clamp = clamp.holds(history.points) & (SUNK * clamp.shortening > 0.0)
             allowed[under_clamp], whose[under_clamp] = SUNK * clamp.shortening, number
-        deep = (allowed > 0.0) & ~(sunk <= allowed + _PRECISION * _size(problem, history))  # NaN is deep, too
-        if (deep & (whose < 0)).any():
+        reach = allowed + _PRECISION * _size(problem, history)
+        deep, near = ((allowed > 0.0) & ~(depth <= reach) for depth in (sunk, with_noise))  # NaN is deep, too
+        if (near & (whose < 0)).any():
             free = _released(problem, histories, name)
+            # what is clamped has no force from points that open, however little
             if free is not None:
                 yield from _strayed(problem, history, time, free, noise)
                 deep &= whose >= 0

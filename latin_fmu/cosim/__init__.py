@@ -13,6 +13,7 @@ communication, table_file               image and table of variables as files; b
 product_tables                          tables of an image that follow from others, which its file leaves out
 image_maker, started_run                the image of an FMU with Python, made for the values at the start
 session, settings, scene_engine         a session, its choices and reports, the engine of its scene
+parameters                              parameters that may change between steps
 loads, drives, segments                 what is set from outside; histories from it; a run segment by segment
 record, step_history                    what is kept of the accepted steps
 waveform_relaxation                     a master that iterates a step of coupled instances

@@ -149,7 +149,7 @@ class Engine:
         InputError : inputs or choices that cannot be. SolverError : no convergence.
         """
         self._call("renew")
-        self.set(parameters)
+        set_numbers(self, parameters)
         for i, (times, values) in histories.items():
             t, a = (np.ascontiguousarray(part, dtype=float) for part in (times, values))
             self._done(self._call("history", c_int64(i), c_int64(len(t)), c_void_p(address(t)), c_void_p(address(a))))
@@ -160,26 +160,6 @@ class Engine:
             raise InputError([Problem("session", self._message())], "the session cannot start")
         self._done(status)
         self.row = row
-
-    def set(self, parameters: Mapping[int, float]) -> None:
-        """Set parameters by reference.
-
-        Raises
-        ------
-        InputError : a value that cannot be, or a parameter that cannot be set now; none is set.
-        """
-        n = len(parameters)
-        references, values = (c_uint32 * n)(*parameters), (c_double * n)(*parameters.values())
-        if n and self._of_fmi("SetFloat64", references, c_size_t(n), values, c_size_t(n)) > WARNING:
-            raise InputError([Problem("session", self._message())], _CANNOT)
-
-    def get(self, references: Sequence[int]) -> dict[int, float]:
-        """Values of variables by reference."""
-        n = len(references)
-        values = (c_double * n)()
-        if n:
-            self._done(self._of_fmi("GetFloat64", (c_uint32 * n)(*references), c_size_t(n), values, c_size_t(n)))
-        return dict(zip(references, values, strict=True))
 
     def _done(self, status: int) -> None:
         if status > WARNING:
@@ -291,6 +271,33 @@ class Engine:
             self._of_fmi("FreeFMUState", byref(state))
         now = self._view().now
         self.row = np.array([now[i] for i in range(self._n_output)])
+
+
+def set_numbers(engine: Engine, numbers: Mapping[int, float]) -> None:
+    """Set variables of an engine by reference.
+
+    Raises
+    ------
+    InputError : a value that cannot be, or a variable that cannot be set now; none is set.
+    """
+    n = len(numbers)
+    references, values = (c_uint32 * n)(*numbers), (c_double * n)(*numbers.values())
+    if n and engine._of_fmi("SetFloat64", references, c_size_t(n), values, c_size_t(n)) > WARNING:
+        raise InputError([Problem("session", engine._message())], _CANNOT)
+
+
+def numbers_of(engine: Engine, references: Sequence[int]) -> dict[int, float]:
+    """Values of variables of an engine by reference.
+
+    Raises
+    ------
+    SolverError : they are not known now.
+    """
+    n = len(references)
+    values = (c_double * n)()
+    if n:
+        engine._done(engine._of_fmi("GetFloat64", (c_uint32 * n)(*references), c_size_t(n), values, c_size_t(n)))
+    return dict(zip(references, values, strict=True))
 
 
 def wrong_history(times: Array, values: Array) -> str:

@@ -9,17 +9,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..errors import InputError, Problem, SolverError
+from ..errors import SolverError
 from ..kernels import inputs
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
 from ..machine import package_version
 from ..scene.schema import Scene
 from .communication import CommunicationRun
-from .engine import STEP, Engine
+from .engine import STEP, Engine, set_numbers
 from .handed_run import ABOUT_TO, HandedRun
 from .loads import GivenLoads
 from .output_table import AT_POINTS
+from .parameters import TunableParameters
 from .record import Record, WholeRecord, amplitudes_of
 from .segments import Segment
 from .settings import Settings
@@ -40,7 +41,7 @@ class SceneEngine:
 
     Attributes
     ----------
-    engine : None before it is needed.
+    engine : None before it is needed. parameters : that may change between steps.
     """
 
     def __init__(self, scene: Scene, settings: Settings, table: Sequence[Variable], identity: str) -> None:
@@ -54,47 +55,10 @@ class SceneEngine:
         self.engine: Engine | None = None
         self._record: Record | None = None
         self._last_histories: dict[str, InterfaceHistory] = {}
-        self._tunable = {v.name: i for i, v in enumerate(self._table) if v.variability == "tunable"}
-        self._tuned: dict[int, float] = {}
-
-    # -- parameters -------------------------------------------------------------------------------------------------
-    def tune(self, name: str, value: float) -> None:
-        """Set a tunable parameter for the next step.
-
-        Raises
-        ------
-        InputError : no such parameter, a value that cannot be; histories are kept, which have the numbers of the scene.
-        """
-        problem = None
-        if name not in self._tunable:
-            problem = Problem(name, "no tunable parameter of this name", None, ", ".join(self._tunable) or "none")
-        elif not 0.0 <= value < float("inf"):
-            problem = Problem(name, "not a finite number, 0 or more", f"{value:g}")
-        elif self._settings.keep or self._settings.prescribed:
-            what = "the steps are kept with the numbers of the scene"
-            problem = Problem(name, what, remedy="a session without Settings(keep=True), in windowed mode")
-        if problem is not None:
-            raise InputError([problem], "the parameter cannot be set")
-        if self.engine is not None and self.engine.phase == STEP:
-            self.engine.set({self._tunable[name]: value})
-        self._tuned[self._tunable[name]] = value
-
-    def tuned(self, name: str) -> float:
-        """Value of a tunable parameter.
-
-        Raises
-        ------
-        InputError : no such parameter.
-        """
-        if name not in self._tunable:
-            allowed = ", ".join(self._tunable) or "none"
-            raise InputError([Problem(name, "no tunable parameter of this name", None, allowed)], "no such parameter")
-        reference = self._tunable[name]
-        return self._tuned.get(reference, float(self._table[reference].start or 0.0))
-
-    def untune(self) -> None:
-        """Return the tunable parameters to the numbers of the scene."""
-        self._tuned = {}
+        fixed = ""
+        if settings.keep or settings.prescribed:
+            fixed = "steps are kept with the numbers of the scene"
+        self.parameters = TunableParameters(self._table, fixed)
 
     @property
     def run(self) -> CommunicationRun | None:
@@ -125,6 +89,7 @@ class SceneEngine:
         self._last_histories = {}
         sizes = len(run.sources.inputs), int(run.image.run[0]["n_output"])
         self.engine = Engine(handed, *sizes, run.run.at_work if run.run.several else None)
+        self.parameters.engine = self.engine
         self._record = None
         if records and self._settings.prescribed:
             self._record = WholeRecord(run)
@@ -143,7 +108,7 @@ class SceneEngine:
         """Free the engine."""
         if self.engine is not None:
             self.engine.close()
-        self.engine = self._record = None
+        self.engine = self._record = self.parameters.engine = None
         self._started.forget()
 
     # -- steps ----------------------------------------------------------------------------------------------------
@@ -171,7 +136,7 @@ class SceneEngine:
         histories, names = dict[int, tuple[Array, Array]](), self.run.sources.inputs
         if self._settings.prescribed:
             histories = {names.index(name): history for name, history in loads.histories.items()}
-        engine.initialize(t0, loads.table, histories, self._tuned)
+        engine.initialize(t0, loads.table, histories, self.parameters.by_reference())
 
     def begin_step(self) -> None:
         """Before a communication step that is recorded."""
@@ -200,7 +165,7 @@ class SceneEngine:
             engine = self.engine
             engine.restore(state)
         loads.take(now, first, engine.histories())
-        self._tuned = engine.get(list(self._tunable.values()))
+        self.parameters.take_over(engine)
         return engine
 
     def snapshot(self, loads: GivenLoads, started: bool) -> bytes:
@@ -208,7 +173,7 @@ class SceneEngine:
         engine = self.engine
         if engine is None or not started:
             engine = self.ready(loads.starts())
-            engine.set(self._tuned)
+            set_numbers(engine, self.parameters.by_reference())
         return engine.snapshot(loads.table)
 
     def _notify(self, what: int, steps: int, n: int, whole: int) -> None:

@@ -72,6 +72,7 @@ class Session:
         # what snapshots must agree in: the scene as it is solved, and what was chosen
         identity = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
         self._solver = SceneEngine(self.scene, self.settings, self.table, identity)
+        self.parameters = self._solver.parameters
         self.step_history = StepHistory()
         self.reset()
 
@@ -82,7 +83,7 @@ class Session:
         self._t0 = 0.0
         self.started = False
         self._loads.reset()
-        self._solver.untune()
+        self.parameters.reset()
         self.row: Array = np.zeros(len(self.outputs))
         self.step_history.clear()
 
@@ -110,22 +111,6 @@ class Session:
         increase.
         """
         self._loads.set_history(name, times, values)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that may change between steps: ``interface.NAME.friction_coefficient``."""
-        return tuple(v.name for v in self.table if v.variability == "tunable")
-
-    def set_parameter(self, name: str, value: float) -> None:
-        """Set a parameter from the next step on; the equilibrium at the start stays that of the scene.
-
-        Raises InputError for another name, a value below 0 or not finite, and where steps are kept.
-        """
-        self._solver.tune(name, float(value))
-
-    def parameter(self, name: str) -> float:
-        """Value of a parameter that may change between steps. Raises InputError for another name."""
-        return self._solver.tuned(name)
 
     # -- run ------------------------------------------------------------------------------------------------------
     def initialize(self, t0: float = 0.0) -> None:

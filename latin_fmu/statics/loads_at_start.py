@@ -15,7 +15,6 @@ import numpy as np
 
 from ..assembly.problem import DiscretisedProblem
 from ..errors import SceneError
-from ..joined.joined_assembly import touching
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS
 from ..scene.settings import StaticStart
 from .free_bodies import BALANCED, acting, free_groups
@@ -55,6 +54,9 @@ def loaded_at_rest(problem: DiscretisedProblem, amplitudes: Mapping[str, float])
 
 def in_flight(problem: DiscretisedProblem) -> list[str]:
     """Bodies whose loads at t = 0 nothing balances that holds them, closed contacts among it."""
+    # where bodies start from initial values alone: no need of the assembly in every run
+    from ..joined.joined_assembly import touching
+
     joined = [unit for unit in problem.units if not unit.behaviour.opens or touching(unit).any()]
     forces = acting(problem.scene, problem.bodies, np.zeros(1))
     groups = free_groups(problem.bodies, problem.conditions, joined)

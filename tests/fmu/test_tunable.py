@@ -33,7 +33,7 @@ def stepped(session: Session, changes: dict[int, float], count: int = 30) -> np.
     rows = []
     for i in range(count):
         if i in changes:
-            session.set_parameter(FRICTION, changes[i])
+            session.parameters[FRICTION] = changes[i]
         assert session.step(i * DT, DT)
         rows.append(session.row.copy())
     return np.array(rows)
