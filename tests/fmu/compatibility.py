@@ -80,7 +80,7 @@ TESTED = (
     ),
     ("libcosimpy, two FMUs joined by wave ports", "2.0", "with Python", "test_ports.py -k libcosim"),
     ("fmucontainer of two FMUs, in FMPy", "2.0", "with Python", "test_hosts.py -k container"),
-    ("OMSimulator, SSP of two FMUs that are connected", "2.0", "compiled", "test_hosts.py -k ssp_in_omsimulator"),
+    ("OMSimulator, SSP of two FMUs that are connected", "2.0", "with Python", "test_hosts.py -k ssp_in_omsimulator"),
     ("pathsim-fmi (Runge-Kutta)", "3.0", "model exchange", "test_model_exchange.py -m slow -k another_host"),
 )
 """Importer, versions of the FMI, kind, tests that run it."""
@@ -130,8 +130,8 @@ the hosts of `tests/fmu/install_hosts.sh` that were installed.
 PARAMETERS = """
 ## A parameter changed under way
 
-`{name}` is set to {value:g} after {n} steps, and the outputs of the later ones compared with a session whose
-friction is changed at the same time. Hosts that are not named here set inputs alone after the start.
+`{name}` is set to {value:g} after {n} steps, and all outputs compared with a session whose
+friction is changed at the same time. Not tried: cofmupy, gemseo-fmu.
 
 """
 MODELS = """
