@@ -44,6 +44,8 @@ from .host import hosts_folder
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "fmu_compatibility.md"
 STEP, N, INPUT, VALUE, OUTPUT = 1e-6, 4, "load.press.value", 0.6, "interface.crush.force[3]"
+TUNED: tuple[str, float] = ("interface.crush.friction_coefficient", 0.05)
+"""A tunable parameter, and what it is set to after N / 2 steps."""
 CLOSE = 1e-9
 """Largest difference that passes, relative to the peak of an output over all its components."""
 EXCHANGE = 0.02
@@ -57,10 +59,16 @@ HOSTS = (
     ("pathsim-fmi", "pathsim", "common", ("2", "3")),
     ("cofmupy", "cofmupy", "cofmupy", ("2", "3")),
     ("gemseo-fmu", "gemseo", "gemseo", ("2", "3")),
+    ("OMSimulator", "omsimulator", "common", ("2",)),
+    ("fmuloader", "fmuloader", "common", ("3",)),
 )
 """Distribution, X of its script ``hosts/with_X.py``, environment, versions of the FMI."""
 LATE = {"pathsim": "; every output is a step late there: it is read after the step that begins at its time"}
 """What a host does with outputs, by its script."""
+TUNING = ("libcosimpy", "ecospy", "pathsim", "omsimulator", "fmuloader")
+"""Scripts of hosts that set parameters after the start."""
+FRICTION = 0.2
+"""The coefficient of friction of the scene of the two blocks."""
 
 TESTED = (
     ("a host in C (`tests/fmu/host.c`)", "2.0", "with Python", "test_c_host.py"),
@@ -72,13 +80,27 @@ TESTED = (
     ),
     ("libcosimpy, two FMUs joined by wave ports", "2.0", "with Python", "test_ports.py -k libcosim"),
     ("fmucontainer of two FMUs, in FMPy", "2.0", "with Python", "test_hosts.py -k container"),
+    ("OMSimulator, SSP of two FMUs that are connected", "2.0", "with Python", "test_hosts.py -k ssp_in_omsimulator"),
     ("pathsim-fmi (Runge-Kutta)", "3.0", "model exchange", "test_model_exchange.py -m slow -k another_host"),
 )
 """Importer, versions of the FMI, kind, tests that run it."""
 
 NOT_HERE = (
     ("fmusim 0.8 (Modelica Association)", "2.0, 3.0", "compiled", "not run: its sources need packages of Rust"),
-    ("OMSimulator 3.0", "2.0", "both", "not run: its package gets a program from openmodelica.org when installed"),
+    (
+        "fmuloader 0.1.2rc0",
+        "2.0",
+        "both",
+        "not run: it requires functions of model exchange of each FMU (`findings/fmuloader_needs_model_exchange.sh`)",
+    ),
+    ("fmusim 0.0.39 (Reference FMUs)", "2.0, 3.0", "both", "not run: runs of less than 1e-5 s have no step there"),
+    ("OMSimulator 3.0.0", "3.0", "both", "not run: it ends with the reference FMU Dahlquist of FMI 3, too"),
+    (
+        "preCICE with fmiprecice 0.2.1",
+        "2.0, 3.0",
+        "both",
+        "not run: pyprecice 3.4.0 has no wheel, and is not built without an installed libprecice",
+    ),
     ("Simulink", "2.0, 3.0", "both", "not run: commercial"),
 )
 """Importers for which there is no script, and why."""
@@ -105,6 +127,13 @@ the hosts of `tests/fmu/install_hosts.sh` that were installed.
 ## Importers
 
 """
+PARAMETERS = """
+## A parameter changed under way
+
+`{name}` is set to {value:g} after {n} steps, and all outputs compared with a session whose
+friction is changed at the same time. Not tried: cofmupy, gemseo-fmu.
+
+"""
 MODELS = """
 ## Shipped models
 
@@ -128,12 +157,14 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 @cache
-def expected() -> tuple[float, ...]:
-    """The output after each step, of the solver."""
+def expected(tuned: bool = False) -> tuple[float, ...]:
+    """The output after each step, of the solver, with the parameter changed under way where it is ``tuned``."""
     session, rows = Session(blocks(), Settings(keep=False)), []
     session.set_load("press", VALUE)
     session.initialize()
     for i in range(N):
+        if tuned and i == N // 2:
+            session.set_parameter(*TUNED)
         assert session.step(i * STEP, STEP)
         rows.append(session.value(OUTPUT))
     return tuple(rows)
@@ -156,9 +187,9 @@ def installed(environment: str, distribution: str) -> tuple[Path | None, str]:
     return (python, done.stdout.strip()) if done.returncode == 0 else (None, pins[distribution])
 
 
-def in_host(python: Path, script: Path, fmu: Path) -> str:
+def in_host(python: Path, script: Path, fmu: Path, tuned: bool = False) -> str:
     """Run the FMU of the two blocks in a host of its own process."""
-    given = [str(fmu), str(STEP), str(N), INPUT, str(VALUE), OUTPUT]
+    given = [str(fmu), str(STEP), str(N), INPUT, str(VALUE), OUTPUT, *(map(str, TUNED) if tuned else ())]
     command = [str(python), str(script), *given]
     done = subprocess.run(command, capture_output=True, text=True, cwd=fmu.parent, timeout=300, check=False)
     rows = [line for line in done.stdout.splitlines() if re.fullmatch(r"\[[-+\d.e, ]+\]", line)]
@@ -166,7 +197,7 @@ def in_host(python: Path, script: Path, fmu: Path) -> str:
         said = (done.stderr or done.stdout).strip().splitlines() or [f"status {done.returncode}"]
         return f"failed: {said[-1][:120]}"
     first = 1 if script.stem.removeprefix("with_") in LATE else 0
-    got, wanted = np.array(json.loads(rows[-1])[: N - first]), np.array(expected()[first:])
+    got, wanted = np.array(json.loads(rows[-1])[: N - first]), np.array(expected(tuned)[first:])
     return judged(float(np.abs(got - wanted).max() / np.abs(wanted).max()))
 
 
@@ -246,6 +277,32 @@ def importers(folder: Path, fmus: Mapping[tuple[str, str], Path]) -> Iterator[tu
     yield from NOT_HERE
 
 
+def tuned_in_fmpy(fmu: Path) -> str:
+    """The parameter changed under way by a table of inputs of FMPy."""
+    rows = np.array(
+        [(i * STEP, VALUE, TUNED[1] if i >= N // 2 else FRICTION) for i in range(N + 1)],
+        dtype=[(name, float) for name in ("time", INPUT, TUNED[0])],
+    )
+    run = fmpy.simulate_fmu(str(fmu), stop_time=N * STEP, output_interval=STEP, input=rows, output=[OUTPUT])
+    got, wanted = run[OUTPUT][1:], np.array(expected(tuned=True))
+    return judged(float(np.abs(got - wanted).max() / np.abs(wanted).max()))
+
+
+def tuned_hosts(fmus: Mapping[tuple[str, str], Path]) -> Iterator[tuple[str, ...]]:
+    """Rows of the table of the parameter."""
+    for (fmi, kind), fmu in fmus.items():
+        yield f"FMPy {version('fmpy')}", f"{fmi}.0", kind, tuned_in_fmpy(fmu)
+    for distribution, script, environment, versions in HOSTS:
+        if script not in TUNING:
+            continue
+        python, number = installed(environment, distribution)
+        for (fmi, kind), fmu in fmus.items():
+            if fmi in versions:
+                path = Path(__file__).parent / "hosts" / f"with_{script}.py"
+                result = "not run" if python is None else in_host(python, path, fmu, tuned=True)
+                yield f"{distribution} {number}", f"{fmi}.0", kind, result
+
+
 def models(folder: Path, files: Sequence[Path]) -> Iterator[tuple[str, ...]]:
     """Rows of the table of models; the FMUs stay in the folder."""
     for file in files:
@@ -267,11 +324,27 @@ def models(folder: Path, files: Sequence[Path]) -> Iterator[tuple[str, ...]]:
         yield name, *results
 
 
+def by_vdmcheck(fmus: Sequence[Path]) -> tuple[str, str, str]:
+    """The row of vdmcheck, whose programs ``install_hosts.sh`` writes."""
+    name, folder = "vdmcheck 1.1.3 (rules of FMI 2.0 and 3.0)", hosts_folder()
+    if folder is None or not (folder / "vdmcheck").is_dir():
+        return name, str(len(fmus)), "not run"
+    wrong = []
+    for fmu in fmus:
+        fmi = fmpy.read_model_description(str(fmu), validate=False).fmiVersion[0]
+        command = ["sh", str(folder / "vdmcheck" / f"vdmcheck{fmi}.sh"), str(fmu)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        if done.stdout.split() != ["true"]:
+            wrong.append(f"{fmu.stem}: {' '.join((done.stdout or done.stderr).split())[:120]}")
+    return name, str(len(fmus)), f"failed: {wrong[0]}" if wrong else "passed"
+
+
 def checkers(fmus: Sequence[Path]) -> Iterator[tuple[str, ...]]:
     """Rows of the table of checkers."""
     found = [problem for fmu in fmus for problem in validate(fmu)]
     result = "passed" if not found else f"failed: {found[0][:120]}"
     yield f"FMPy {version('fmpy')} `validate_fmu`, XML schemas of FMI 2.0.5 and 3.0.2", str(len(fmus)), result
+    yield by_vdmcheck([fmu for fmu in fmus if fmu.stem.startswith(("blocks", "reduced"))])
     python, number = installed("common", "fmu-manipulation-toolbox")
     name = f"fmu-manipulation-toolbox {number} `fmutool -check`"
     if python is None:
@@ -297,6 +370,8 @@ def page(folder: Path, files: Sequence[Path]) -> str:
     facts = {"version": latin_fmu.__version__, "system": f"{platform.system()}, {platform.machine()}"}
     text = HEAD.format(**facts, python=platform.python_version(), close=CLOSE, exchange=EXCHANGE)
     text += table(("importer and version", "FMI", "kind", "result"), list(importers(folder, fmus)))
+    text += PARAMETERS.format(name=TUNED[0], value=TUNED[1], n=N // 2)
+    text += table(("importer and version", "FMI", "kind", "result"), list(tuned_hosts(fmus)))
     columns_ = [f"FMI {fmi}.0, {kind}" for fmi in VERSIONS for kind in KINDS]
     text += MODELS.format(version=version("fmpy"), stalls=max(STALLS.values())) + table(
         ("model", *columns_), list(models(folder, files))

@@ -12,14 +12,17 @@ import subprocess
 from pathlib import Path
 
 import fmpy
+import numpy as np
 import pytest
 
 from fmu_build.build import build_fmu
 from fmu_build.reference import FOLDER, reference_of
+from fmu_build.ssp import write_ssp
 from latin_fmu.compiled import library
+from latin_fmu.cosim import Session, Settings
 from tests.cosim.scenes import bar, blocks
 
-from .compatibility import INPUT, OUTPUT, STEP, VALUE, N, expected, in_fmpy, in_host, judged
+from .compatibility import INPUT, OUTPUT, STEP, TUNING, VALUE, N, expected, in_fmpy, in_host, judged
 from .host import hosts_folder
 
 SCRIPTS = Path(__file__).parent / "hosts"
@@ -29,6 +32,8 @@ MODULES = {
     "pathsim": "pathsim_fmi",
     "cofmupy": "cofmupy",
     "gemseo": "gemseo_fmu",
+    "omsimulator": "OMSimulator",
+    "fmuloader": "fmuloader",
 }
 
 
@@ -60,7 +65,12 @@ def ran(command: list[str], folder: Path) -> str:
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(
     ("host", "version"),
-    [("libcosimpy", "2"), *((host, v) for host in ("ecospy", "pathsim", "cofmupy", "gemseo") for v in ("2", "3"))],
+    [
+        ("libcosimpy", "2"),
+        ("omsimulator", "2"),
+        ("fmuloader", "3"),
+        *((host, v) for host in ("ecospy", "pathsim", "cofmupy", "gemseo") for v in ("2", "3")),
+    ],
 )
 def test_host(host, version, compiled, fmus, tmp_path):
     """An input set, steps made, an output read."""
@@ -70,6 +80,35 @@ def test_host(host, version, compiled, fmus, tmp_path):
             pytest.skip("no library of kernels here")
         fmu = build_fmu(blocks(), tmp_path / "compiled.fmu", version)
     assert in_host(Path(python_of(host)), SCRIPTS / f"with_{host}.py", fmu) == "passed"
+
+
+@pytest.mark.parametrize("host", TUNING)
+def test_a_parameter_changed_under_way(host, fmus):
+    version = "3" if host == "fmuloader" else "2"
+    assert in_host(Path(python_of(host)), SCRIPTS / f"with_{host}.py", fmus[version], tuned=True) == "passed"
+
+
+def test_ssp_in_omsimulator(fmus, tmp_path):
+    """The second block is loaded by the share of the first that slips, a step late."""
+    python, slips = python_of("omsimulator"), "interface.crush.slipping"
+    parts = {"first": fmus["2"], "second": fmus["2"]}
+    package = write_ssp(tmp_path / "a.ssp", "a", parts, [("first", slips, "second", INPUT)], N * STEP, step=STEP)
+    first, second = (Session(blocks(), Settings(keep=False)) for _ in range(2))
+    first.set_load("press", VALUE)
+    for session in (first, second):
+        session.initialize()
+    rows = []
+    for i in range(N):
+        second.set_load("press", first.value(slips))
+        for session in (first, second):
+            assert session.step(i * STEP, STEP)
+        rows.append((first.value(OUTPUT), second.value(OUTPUT)))
+    assert np.abs(rows).max(axis=0).min() > 0.0
+    for name, wanted in zip(parts, np.transpose(rows), strict=True):
+        given = [str(package), str(STEP), str(N), f"first.{INPUT}", str(VALUE), f"{name}.{OUTPUT}"]
+        printed = ran([python, str(SCRIPTS / "with_omsimulator.py"), *given], tmp_path)
+        got = json.loads(next(line for line in printed.splitlines() if line.startswith("[")))
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_container_of_two(fmus, tmp_path):
@@ -109,6 +148,6 @@ def test_the_page_names_the_versions_that_are_installed():
     page = (root / "docs" / "fmu_compatibility.md").read_text()
     table = [line for line in page.splitlines() if line.startswith("| ")]
     pins = re.findall(r"([\w-]+)==([\d.]+)", script)
-    assert len(pins) == 6
+    assert len(pins) == 8
     for name, version in pins:
         assert any(f"{name} {version}" in line for line in table), f"{name} {version}"
