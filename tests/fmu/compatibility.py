@@ -164,7 +164,7 @@ def expected(tuned: bool = False) -> tuple[float, ...]:
     session.initialize()
     for i in range(N):
         if tuned and i == N // 2:
-            session.set_parameter(*TUNED)
+            session.parameters[TUNED[0]] = TUNED[1]
         assert session.step(i * STEP, STEP)
         rows.append(session.value(OUTPUT))
     return tuple(rows)
