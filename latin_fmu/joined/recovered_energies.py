@@ -55,8 +55,6 @@ def part_prestress(terms: Array, tied: TiedAssembly, shapes: Array, amplitudes: 
     """Take u.K_sigma u / 2 of the bodies out of the elastic energy among ``terms`` (n_time, N_TERM), J, as a term of
     its own; u of ``shapes`` (n_full, k) times ``amplitudes`` (n_time, k)."""
     stressed = [(tied.where[m.name], m.geometric) for m in tied.models if m.geometric is not None]
-    if not stressed:
-        return
     # of all bodies first: one product with the amplitudes
     energies = np.zeros((shapes.shape[1], shapes.shape[1]))
     for where, geometric in stressed:

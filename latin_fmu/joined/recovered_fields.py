@@ -325,7 +325,9 @@ class RecoveredRecorder(Recorder):
         if request.energy:
             histories = self._motions.modes, self._motions.relative
             self._energy = assembly_energies(march, histories, recorder.series("energy"), self._layer_energy())
-            part_prestress(self._energy, march.tied, self._motions.shapes, self._motions.amplitudes[0])
+            # shapes of all bodies cost as much as the march: not where no stress has a stiffness
+            if any(model.geometric is not None for model in march.tied.models):
+                part_prestress(self._energy, march.tied, self._motions.shapes, self._motions.amplitudes[0])
         else:
             self._energy = np.zeros((n, N_TERM))
         if request.energy:
