@@ -51,7 +51,9 @@ class TunableParameters(Mapping[str, float]):
         none may be set."""
         reference = self._reference(name)
         if self._fixed:
-            raise InputError.of(_HEADING, name, self._fixed, remedy="a session of its own, in windowed mode")
+            raise InputError.of(
+                _HEADING, name, self._fixed, remedy="a session with Settings(keep=False), in windowed mode"
+            )
         if self.engine is not None and self.engine.phase == STEP:
             set_numbers(self.engine, {reference: float(value)})
         self._values[name] = float(value)

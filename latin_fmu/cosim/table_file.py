@@ -257,6 +257,8 @@ def _row(
     count = len(sizes)
     if tuned is not None:
         place, width, *sizes = tuned
+    elif role[0] == "tunable":  # its law is Python's, which has its own number
+        kind = _ROLES.index("constant")
     about = [texts.place(variable.name), _KINDS.index(variable.kind), kind, place, width, count]
     return [*about, *sizes, *[0] * (3 - len(sizes)), start]
 

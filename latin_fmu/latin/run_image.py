@@ -13,6 +13,7 @@ from weakref import proxy
 
 import numpy as np
 
+from ..interface.laws import coulomb_coefficient
 from ..kernels import entries
 from ..kernels.callouts import LAW, OBSERVE, TANGENTS
 from ..kernels.instants import FREE, OPENINGS
@@ -162,8 +163,9 @@ def _group_fields(group: Group, assembly: Assembly, exchanged: bool) -> dict[str
 
 def friction_column(group: Group) -> int | None:
     """Column of Coulomb's coefficient among the parameters of a group; None where it has none, or no kernel."""
-    rubs = getattr(group.behaviour, "tangential", "") == "friction_coefficient" and group.n_component > 1
-    return 0 if rubs and law_of(group.behaviour) >= 0 else None
+    if coulomb_coefficient(group.behaviour) and group.n_component > 1 and law_of(group.behaviour) >= 0:
+        return 0
+    return None
 
 
 def negligible_scales(image: Image, direction: Direction, tolerance: float) -> Array:

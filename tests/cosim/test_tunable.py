@@ -132,6 +132,16 @@ def test_what_cannot_be_set_is_refused(name: str, value: float, settings: Settin
     assert session.step(0.0, DT)
 
 
+def test_friction_of_a_law_in_python_is_fixed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has its own number, which no kernel reads: a value that had no effect would be taken for one that has."""
+    monkeypatch.setattr("latin_fmu.latin.run_image.law_of", lambda _: -1)
+    session = Session(blocks())
+    session.initialize()
+    with pytest.raises(InputError, match="it is fixed at 0.2"):
+        session.parameters[FRICTION] = 0.1
+    assert session.step(0.0, DT)
+
+
 def test_bodies_without_friction_have_no_such_parameter() -> None:
     joint = {"sides": ["upper.zmin", "lower.zmax"]}
     assert not Session(blocks(interface={"crush": joint})).parameters
