@@ -137,7 +137,7 @@ def test_friction_of_a_law_in_python_is_fixed(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("latin_fmu.latin.run_image.law_of", lambda _: -1)
     session = Session(blocks())
     session.initialize()
-    with pytest.raises(InputError, match="it is fixed at 0.2"):
+    with pytest.raises(InputError, match="it is fixed at"):
         session.parameters[FRICTION] = 0.1
     assert session.step(0.0, DT)
 
